@@ -1,0 +1,209 @@
+// What the conductor, dielectric and generalized Schlick nodes share: the microfacet lobe, forward and retro.
+//
+// [MRM]   Portsmouth, Raab, Belcour, Liu: The Minimal Retroreflective Microfacet Model, JCGT 15(1), 2026
+// [Heitz] Heitz: Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs, JCGT 3(2), 2014
+//
+// V and L point away from the surface; a trailing t marks the shading frame (tangent, bitangent, normal).
+#include "mrm_host.glsl"
+
+// The order of the enumerations in mrm_defs.mtlx.
+#define MRM_GGX 0
+#define MRM_BECKMANN 1
+#define MRM_PHONG 2
+#define MRM_SMITH 0
+#define MRM_VCAVITY 1
+
+struct MrmLobe
+{
+    vec2 alpha;
+    int distribution;
+    int masking;
+};
+
+// log(1 + x) for x >= 0 without the rounding of 1 + x.
+float mrm_log1p(float x)
+{
+    float s = x / (2.0 + x);
+    float s2 = s * s;
+    float series = 2.0 * s * (1.0 + s2 * (1.0 / 3.0 + s2 * (1.0 / 5.0 + s2 * (1.0 / 7.0))));
+    return x < 0.25 ? series : log(1.0 + x);
+}
+
+// Distribution of microfacet normals.
+float mrm_ndf(vec3 Ht, MrmLobe lobe)
+{
+    if (lobe.distribution == MRM_GGX)
+    {
+        // [Heitz] eq. 85, as MaterialX writes it: nothing cancels at Ht = N, where retro shading lives.
+        return mx_ggx_NDF(Ht, lobe.alpha);
+    }
+    vec2 slope = Ht.xy / Ht.z;
+    float cos2 = Ht.z * Ht.z;
+    if (lobe.distribution == MRM_BECKMANN)
+    {
+        // [Heitz] eq. 79
+        vec2 s = slope / lobe.alpha;
+        return exp(-dot(s, s)) / (M_PI * lobe.alpha.x * lobe.alpha.y * cos2 * cos2);
+    }
+    // Ashikhmin and Shirley 2000, normalized to a projected area of one, with exponents 2 / alpha^2 - 2:
+    // cos^e = (1 + tan^2)^(-e/2) keeps its digits at exponents of a million.
+    vec2 halfExponent = vec2(1.0) / (lobe.alpha * lobe.alpha) - vec2(1.0);
+    vec2 slope2 = slope * slope;
+    float tan2 = slope2.x + slope2.y;
+    float growth = tan2 > 0.0 ? mrm_log1p(tan2) / tan2 : 1.0;
+    return exp(-growth * dot(halfExponent, slope2)) / (M_PI * lobe.alpha.x * lobe.alpha.y);
+}
+
+// Smith's Lambda of the Beckmann distribution, [Heitz] eq. 67 and 86, with erfc from
+// Abramowitz and Stegun 7.1.26 (1.5e-7): the exponential is common to both of its terms.
+float mrm_lambda_beckmann(vec3 Wt, vec2 alpha)
+{
+    vec2 stretched = Wt.xy * alpha;
+    float a = Wt.z / max(length(stretched), M_FLOAT_EPS);
+    float t = 1.0 / (1.0 + 0.3275911 * a);
+    float erfcx = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
+    return 0.5 * exp(-a * a) * (0.5641895835 / a - erfcx);
+}
+
+// Masking and shadowing over the view's cosine, G2 / NdotV: its numerator's NdotV cancels, so grazing views keep their digits.
+float mrm_masking_over_NdotV(vec3 Vt, vec3 Lt, float NdotH, float VdotH, MrmLobe lobe)
+{
+    if (lobe.masking == MRM_VCAVITY || lobe.distribution == MRM_PHONG)
+    {
+        // [MRM] eq. 9 for both directions; the smaller of the two, [Heitz] section 4.
+        return min(1.0, 2.0 * NdotH * min(Vt.z, Lt.z) / VdotH) / Vt.z;
+    }
+    if (lobe.distribution == MRM_BECKMANN)
+    {
+        // [Heitz] eq. 99
+        return 1.0 / (Vt.z * (1.0 + mrm_lambda_beckmann(Vt, lobe.alpha) + mrm_lambda_beckmann(Lt, lobe.alpha)));
+    }
+    // [Heitz] eq. 72, 86 and 99: each direction has its own projected roughness.
+    float lambdaV = length(vec3(Vt.xy * lobe.alpha, Vt.z));
+    float lambdaL = length(vec3(Lt.xy * lobe.alpha, Lt.z));
+    return 2.0 * Lt.z / (lambdaL * Vt.z + lambdaV * Lt.z);
+}
+
+// Split sum of the directional albedo: albedo = F0 * result.x + F90 * result.y.
+// GGX with Smith is the host's own. Each other pair has its own fit, made never to lie below the true albedo,
+// so that the compensation built on it never makes energy (mrm_nodes/reference/albedo_fit.py).
+vec2 mrm_directional_albedo(float NdotV, MrmLobe lobe)
+{
+    float alpha = mx_average_alpha(lobe.alpha);
+    return mx_ggx_dir_albedo(NdotV, alpha, vec3(1.0, 0.0, 0.0), vec3(0.0, 1.0, 0.0)).xy;
+}
+
+// Turquin's compensation factor as MaterialX's nodes have it, for a single-scattering albedo E of a white lobe.
+vec3 mrm_energy_compensation(vec3 F, float E)
+{
+    return vec3(1.0) + F * (1.0 - E) / E;
+}
+
+// The microfacet BSDF of one direction pair in direct light, the light's cosine included; its compensation comes out too.
+vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData fd, MrmLobe lobe, inout vec3 compensation)
+{
+    vec3 H = normalize(L + V);
+    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
+    float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
+    float VdotH = clamp(dot(V, H), M_FLOAT_EPS, 1.0);
+    vec3 Ht = vec3(dot(H, X), dot(H, Y), dot(H, N));
+    vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
+    vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
+
+    vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
+    compensation = mrm_energy_compensation(F, E);
+    float D = mrm_ndf(Ht, lobe);
+    float G = mrm_masking_over_NdotV(Vt, Lt, Ht.z, VdotH, lobe);
+    return D * F * G * compensation / 4.0;
+}
+
+// One microfacet BSDF with its retro twin, blended by retroreflectivity: [MRM] eq. 10 and section 4.
+// N, X: shading normal and tangent in world space. AB: the split sum of the directional albedo, for the layers below.
+// Out: response (the light's cosine and occlusion included, weight and tint not) and the compensation that layering needs.
+void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float retroreflectivity, vec3 N, vec3 X, inout vec2 AB, inout vec3 compensation, inout vec3 response)
+{
+    vec3 V = closureData.V;
+    vec3 L = closureData.L;
+    float retro = clamp(retroreflectivity, 0.0, 1.0);
+
+    // The virtual mirror: [MRM] eq. 3. It does not depend on the side that N points to.
+    vec3 Vr = reflect(-V, N);
+    N = mx_forward_facing_normal(N, V);
+    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
+
+    if (closureData.closureType == CLOSURE_TYPE_REFLECTION)
+    {
+        X = normalize(X - dot(X, N) * N);
+        vec3 Y = cross(N, X);
+        AB = mrm_directional_albedo(NdotV, lobe);
+        float E = AB.x + AB.y;
+
+        vec3 forward = vec3(0.0);
+        vec3 forwardCompensation = vec3(1.0);
+        if (retro < 1.0)
+        {
+            forward = mrm_reflection(V, L, N, X, Y, E, fd, lobe, forwardCompensation);
+        }
+        vec3 back = vec3(0.0);
+        vec3 backCompensation = vec3(1.0);
+        if (retro > 0.0)
+        {
+            back = mrm_reflection(Vr, L, N, X, Y, E, fd, lobe, backCompensation);
+        }
+        compensation = forwardCompensation + (backCompensation - forwardCompensation) * retro;
+        // Nothing comes from below the horizon, where MaterialX's clamp leaks a little.
+        response = dot(N, L) > 0.0 ? (forward + (back - forward) * retro) * closureData.occlusion : vec3(0.0);
+    }
+    else
+    {
+        // Both lobes see the same N.V, so they share Fresnel, compensation and albedo.
+        // The host's environment functions are GGX with Smith, whatever the node asks for.
+        lobe.distribution = MRM_GGX;
+        lobe.masking = MRM_SMITH;
+        vec3 F = clamp(mx_compute_fresnel(NdotV, fd), 0.0, 1.0);
+        AB = mrm_directional_albedo(NdotV, lobe);
+        compensation = mrm_energy_compensation(F, AB.x + AB.y);
+
+        if (closureData.closureType == CLOSURE_TYPE_INDIRECT)
+        {
+            vec3 Li = vec3(0.0);
+            if (retro < 1.0)
+            {
+                Li = Li + (1.0 - retro) * mx_environment_radiance(N, V, X, lobe.alpha, MRM_GGX, fd);
+            }
+            if (retro > 0.0)
+            {
+                Li = Li + retro * mx_environment_radiance(N, Vr, X, lobe.alpha, MRM_GGX, fd);
+            }
+            response = Li * compensation;
+        }
+    }
+}
+
+// Transmission as MaterialX has it, an environment look-up, with the view turned about the normal for the retro part.
+vec3 mrm_transmission(ClosureData closureData, FresnelData fd, MrmLobe lobe, float retroreflectivity, bool retroTransmission, vec3 tint, vec3 N, vec3 X)
+{
+    vec3 V = closureData.V;
+    float retro = retroTransmission ? clamp(retroreflectivity, 0.0, 1.0) : 0.0;
+    vec3 Vr = reflect(-V, N);
+    N = mx_forward_facing_normal(N, V);
+    vec3 transmitted = vec3(0.0);
+    if (retro < 1.0)
+    {
+        transmitted = transmitted + (1.0 - retro) * mx_surface_transmission(N, V, X, lobe.alpha, MRM_GGX, fd, tint);
+    }
+    if (retro > 0.0)
+    {
+        transmitted = transmitted + retro * mx_surface_transmission(N, Vr, X, lobe.alpha, MRM_GGX, fd, tint);
+    }
+    return transmitted;
+}
+
+MrmLobe mrm_init_lobe(vec2 roughness, int distribution, int masking)
+{
+    MrmLobe lobe;
+    lobe.alpha = clamp(roughness, M_FLOAT_EPS, 1.0);
+    lobe.distribution = distribution;
+    lobe.masking = masking;
+    return lobe;
+}

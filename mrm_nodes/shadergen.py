@@ -1,0 +1,268 @@
+"""MaterialX shader generation for every target that the installed MaterialX has."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import functools
+import importlib
+import math
+import os
+import pkgutil
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import MaterialX as mx
+import MaterialX.PyMaterialXGenShader as mx_gen_shader
+
+from mrm_nodes import library
+from mrm_nodes.errors import MrmError, MrmWarning
+
+#: Light nodes as every shader of ours knows them, by the number that LightData.type carries.
+LIGHT_TYPES = {"directional_light": 1, "point_light": 2, "spot_light": 3}
+
+#: Our names for MaterialX's generators, by the target that the generator itself names.
+_TARGET_NAMES = {"genglsl": "glsl", "essl": "essl", "genvk": "vulkan"}
+
+_ENVIRONMENTS = {
+    "none": "SPECULAR_ENVIRONMENT_NONE",
+    "fis": "SPECULAR_ENVIRONMENT_FIS",
+    "prefilter": "SPECULAR_ENVIRONMENT_PREFILTER",
+}
+_INTERFACES = {"complete": "SHADER_INTERFACE_COMPLETE", "reduced": "SHADER_INTERFACE_REDUCED"}
+
+
+@dataclass(frozen=True)
+class Shader:
+    """A generated shader: source text per stage, and MaterialX's own object for whoever binds its inputs."""
+
+    name: str
+    target: str
+    vertex: str
+    pixel: str
+    mx: Any  # MaterialX.PyMaterialXGenShader.Shader
+    document: mx.Document  # the shader's uniforms refer to its elements
+    search_path: mx.FileSearchPath  # where textures are looked for
+
+
+def supported_targets() -> list[str]:
+    """Return the names of the targets that the installed MaterialX can generate, such as `glsl`, `msl` and `osl`."""
+    return list(_generators())
+
+
+@functools.cache
+def _generators() -> dict[str, type]:
+    """Find every `…ShaderGenerator` class of the installed MaterialX that can be created, by target name."""
+    found: dict[str, type] = {}
+    for module_info in pkgutil.iter_modules(mx.__path__):
+        if not module_info.name.startswith("PyMaterialXGen") or module_info.name == "PyMaterialXGenShader":
+            continue
+        module = importlib.import_module(f"MaterialX.{module_info.name}")
+        for class_name, cls in vars(module).items():
+            if class_name.endswith("ShaderGenerator") and hasattr(cls, "create"):
+                found[_target_name(class_name)] = cls
+    order = ["glsl", "essl", "vulkan", "wgsl", "msl", "slang", "osl", "mdl"]
+    return dict(
+        sorted(
+            found.items(),
+            key=lambda item: (order.index(item[0]) if item[0] in order else len(order), item[0]),
+        )
+    )
+
+
+def _target_name(class_name: str) -> str:
+    stem = class_name.removesuffix("ShaderGenerator").lower()
+    return {"vk": "vulkan", "vkresourcebinding": "vulkan"}.get(stem, stem)
+
+
+def read_document(path: str | os.PathLike[str]) -> mx.Document:
+    """Read a .mtlx file, with MaterialX's standard libraries and ours beside it.
+
+    Raises:
+        MrmError: the file is missing or is not MaterialX.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise MrmError(f"{file}: no such file")
+    document = mx.createDocument()
+    try:
+        mx.readFromXmlFile(document, str(file), mx.FileSearchPath(str(file.resolve().parent)))
+    except Exception as error:  # MaterialX's own exception types differ between versions
+        raise MrmError(f"{file}: not a MaterialX document: {_one_line(error)}") from None
+    document.setDataLibrary(library.shared_library())
+    return document
+
+
+def generate_shader(
+    path_or_document: str | os.PathLike[str] | mx.Document,
+    target: str = "glsl",
+    element: str | None = None,
+    *,
+    environment: str = "fis",
+    interface: str = "complete",
+    max_lights: int = 4,
+) -> Shader:
+    """Generate the shader of one renderable element.
+
+    Args:
+        path_or_document: a .mtlx file or a document.
+        target: one of `supported_targets()`.
+        element: name path of a material, a shader or an output, as `my_material` or `my_graph/out`; needed where the
+            document has several materials.
+        environment: how image light is evaluated in the GLSL family: `fis`, `prefilter` or `none`.
+        interface: `complete` makes every input a uniform, `reduced` only those that the document sets.
+        max_lights: size of the light array of the GLSL family.
+
+    Raises:
+        MrmError: unreadable document, unknown node, target, element or option, or values that are not numbers.
+    """
+    generator_class = _generators().get(target)
+    if generator_class is None:
+        raise MrmError(_unknown("target", target, supported_targets()))
+    for option, value, known in (
+        ("environment", environment, _ENVIRONMENTS),
+        ("interface", interface, _INTERFACES),
+    ):
+        if value not in known:
+            raise MrmError(_unknown(option, value, known))
+
+    if isinstance(path_or_document, mx.Document):
+        document, where, folder = path_or_document, path_or_document.getSourceUri() or "document", Path()
+        if not document.hasDataLibrary() and document.getNodeDef("ND_conductor_bsdf") is None:
+            document.setDataLibrary(library.shared_library())
+    else:
+        document, where = read_document(path_or_document), os.fspath(path_or_document)
+        folder = Path(path_or_document).resolve().parent
+    check_document(document, where)
+    renderable = find_renderable(document, where, element)
+
+    generator = generator_class.create()  # type: ignore[attr-defined]
+    context = mx_gen_shader.GenContext(generator)
+    search_path = library.search_path()
+    context.registerSourceCodeSearchPath(search_path)
+    options = context.getOptions()
+    options.hwMaxActiveLightSources = max_lights
+    options.hwSpecularEnvironmentMethod = getattr(
+        mx_gen_shader.HwSpecularEnvironmentMethod, _ENVIRONMENTS[environment]
+    )
+    options.shaderInterfaceType = getattr(mx_gen_shader.ShaderInterfaceType, _INTERFACES[interface])
+    # MaterialX loads images bottom row first for GL; our renderer hands them over top row first.
+    options.fileTextureVerticalFlip = True
+    if isinstance(generator, mx_gen_shader.HwShaderGenerator):
+        for node, number in LIGHT_TYPES.items():
+            definition = library.shared_library().getNodeDef(f"ND_{node}")
+            mx_gen_shader.HwShaderGenerator.bindLightShader(definition, number, context)
+
+    name = mx.createValidName(renderable.getNamePath().replace("/", "_"))
+    try:
+        shader = generator.generate(name, renderable, context)
+    except Exception as error:  # MaterialX's own exception types differ between versions
+        raise MrmError(
+            f"{where}: {target} shader of {renderable.getNamePath()}: {_one_line(error)}"
+        ) from None
+    image_path = library.search_path()
+    image_path.prepend(mx.FilePath(str(folder.resolve())))
+    return Shader(
+        name=name,
+        target=target,
+        vertex=_source(shader, "vertex"),
+        pixel=_source(shader, "pixel"),
+        mx=shader,
+        document=document,
+        search_path=image_path,
+    )
+
+
+def _source(shader: Any, stage: str) -> str:
+    return shader.getSourceCode(stage) if shader.hasStage(stage) else ""
+
+
+def find_renderable(document: mx.Document, where: str, element: str | None) -> mx.Element:
+    """Return the element to generate: the one named, or the only one that can be rendered.
+
+    Raises:
+        MrmError: no such element, none that can be rendered, or several.
+    """
+    renderables = mx_gen_shader.findRenderableElements(document)
+    names = [renderable.getNamePath() for renderable in renderables]
+    if element is not None:
+        found = document.getDescendant(element)
+        if found is None:
+            raise MrmError(f"{where}: {_unknown('element', element, names)}")
+        return found
+    if not renderables:
+        raise MrmError(f"{where}: nothing to render: no material, shader or output")
+    if len(renderables) > 1:
+        raise MrmError(
+            f"{where}: several elements can be rendered; name one with --element: {', '.join(names)}"
+        )
+    return renderables[0]
+
+
+#: Where a literal value of our nodes' inputs is clamped, and why; MaterialX's own nodes clamp the same way.
+_RANGES: dict[str, tuple[float, float]] = {
+    "roughness": (1e-8, 1.0),
+    "retroreflectivity": (0.0, 1.0),
+    "tint": (0.0, math.inf),
+    "color0": (0.0, math.inf),
+    "color82": (0.0, math.inf),
+    "color90": (0.0, math.inf),
+}
+
+
+def check_document(document: mx.Document, where: str = "document") -> None:
+    """Check that every node is known and every number is one; warn of values that the nodes will clamp.
+
+    Raises:
+        MrmError: an unknown node, or an input that is NaN or infinite.
+    """
+    for node in _nodes(document):
+        if not node.getNodeDef() and not node.getNodeDef("", True):
+            categories = {definition.getNodeString() for definition in document.getNodeDefs()}
+            categories |= {d.getNodeString() for d in library.shared_library().getNodeDefs()}
+            if node.getCategory() in categories:
+                raise MrmError(
+                    f"{where}: node {node.getNamePath()}: no definition of {node.getCategory()} has these inputs and this type"
+                )
+            raise MrmError(
+                f"{where}: node {node.getNamePath()}: {_unknown('node', node.getCategory(), categories)}"
+            )
+        for node_input in node.getInputs():
+            _check_value(node, node_input, where)
+
+
+def _nodes(document: mx.Document) -> Iterator[mx.Node]:
+    yield from document.getNodes()
+    for graph in document.getNodeGraphs():
+        yield from graph.getNodes()
+
+
+def _check_value(node: mx.Node, node_input: mx.Input, where: str) -> None:
+    text = node_input.getValueString()
+    if not text:
+        return
+    numbers = []
+    if node_input.getType() in ("float", "vector2", "vector3", "vector4", "color3", "color4"):
+        with contextlib.suppress(ValueError):
+            numbers = [float(part) for part in text.replace(",", " ").split()]
+    place = f"{where}: {node.getNamePath()}/{node_input.getName()}"
+    if any(not math.isfinite(number) for number in numbers):
+        raise MrmError(f"{place}: {text} is not a finite number")
+    if node.getCategory().startswith("mrm_") and node_input.getName() in _RANGES:
+        low, high = _RANGES[node_input.getName()]
+        if any(not low <= number <= high for number in numbers):
+            limits = f"{low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
+            warnings.warn(f"{place}: {text} is clamped to its range, {limits}", MrmWarning, stacklevel=4)
+
+
+def _unknown(what: str, name: str, known: Any) -> str:
+    close = difflib.get_close_matches(name, list(known), n=3)
+    hint = f"did you mean {' or '.join(close)}?" if close else f"known: {', '.join(sorted(known))}"
+    return f"unknown {what} {name}; {hint}"
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())

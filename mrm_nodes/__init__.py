@@ -1,4 +1,4 @@
-"""The Minimal Retroreflective Microfacet model for MaterialX: nodes, evaluator, headless rendering, image regression."""
+"""The Minimal Retroreflective Microfacet model for MaterialX: nodes, evaluator, rendering, regression."""
 
 from __future__ import annotations
 

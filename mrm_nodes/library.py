@@ -25,7 +25,7 @@ _HOST_INCLUDE_INSTALLED = (
 
 
 def root_path() -> Path:
-    """Return the folder that holds `mtlx` and `glsl`: the checkout, or the package's data in an installed wheel."""
+    """Return the folder that holds `mtlx` and `glsl`: the checkout, or the data of an installed wheel."""
     package = Path(__file__).resolve().parent
     for root in (package / "data", package.parent):
         if (root / "mtlx" / "mrm").is_dir() and (root / "glsl").is_dir():
@@ -62,7 +62,8 @@ def load_library(doc: mx.Document | None = None) -> mx.Document:
 def shared_library() -> mx.Document:
     """Return the one library document of this process; read it, never change it.
 
-    A material's document points at it with `setDataLibrary`, which costs nothing, where an import copies 1,700 elements.
+    A material's document points at it with `setDataLibrary`, which costs nothing;
+    an import copies every definition.
     """
     library = mx.createDocument()
     mx.loadLibraries(mx.getDefaultDataLibraryFolders(), mx.getDefaultDataSearchPath(), library)
@@ -80,8 +81,8 @@ def shared_library() -> mx.Document:
 def install(libraries: str | os.PathLike[str]) -> list[Path]:
     """Copy the node library, its GLSL included, to `libraries`/mrm and return the files written.
 
-    `libraries` is a MaterialX `libraries` folder: it holds `stdlib` and `pbrlib`. An earlier installation of ours is
-    replaced as a whole; anything else in the way is left alone.
+    `libraries` is a MaterialX `libraries` folder: it holds `stdlib` and `pbrlib`. An earlier installation of
+    ours is replaced as a whole; anything else in the way is left alone.
 
     Raises:
         MrmError: `libraries` is no such folder, cannot be written, or holds an `mrm` that is not ours.

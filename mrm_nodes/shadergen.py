@@ -49,7 +49,7 @@ class Shader:
 
 
 def supported_targets() -> list[str]:
-    """Return the names of the targets that the installed MaterialX can generate, such as `glsl`, `msl` and `osl`."""
+    """Return the names of the targets that the installed MaterialX can generate, such as `glsl` and `osl`."""
     return list(_generators())
 
 
@@ -110,14 +110,14 @@ def generate_shader(
     Args:
         path_or_document: a .mtlx file or a document.
         target: one of `supported_targets()`.
-        element: name path of a material, a shader or an output, as `my_material` or `my_graph/out`; needed where the
-            document has several materials.
+        element: name path of a material, a shader or an output, as `my_material` or `my_graph/out`; needed
+            where the document has several materials.
         environment: how image light is evaluated in the GLSL family: `fis`, `prefilter` or `none`.
         interface: `complete` makes every input a uniform, `reduced` only those that the document sets.
         max_lights: size of the light array of the GLSL family.
 
     Raises:
-        MrmError: unreadable document, unknown node, target, element or option, or values that are not numbers.
+        MrmError: unreadable document, unknown node, target, element or option, or a value that is no number.
     """
     generator_class = _generators().get(target)
     if generator_class is None:
@@ -225,7 +225,7 @@ def check_document(document: mx.Document, where: str = "document") -> None:
             categories |= {d.getNodeString() for d in library.shared_library().getNodeDefs()}
             if node.getCategory() in categories:
                 raise MrmError(
-                    f"{where}: node {node.getNamePath()}: no definition of {node.getCategory()} has these inputs and this type"
+                    f"{where}: node {node.getNamePath()}: none of its kind has these inputs and type"
                 )
             raise MrmError(
                 f"{where}: node {node.getNamePath()}: {_unknown('node', node.getCategory(), categories)}"

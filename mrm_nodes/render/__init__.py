@@ -1,0 +1,51 @@
+"""Headless rendering of generated shaders: contexts, meshes, cameras, lights, images."""
+
+from mrm_nodes.render.context import BACKENDS, BackendReport, get_context, probe_backends
+from mrm_nodes.render.images import read_image, write_exr, write_png
+from mrm_nodes.render.mesh import BUILT_IN, Mesh, baluster, plane, sphere
+from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.renderer import RenderedImage, Renderer, render, renderer
+from mrm_nodes.render.scene import (
+    CAMERA_SYNTAX,
+    LIGHT_SYNTAX,
+    Camera,
+    CameraLight,
+    DirectionalLight,
+    Framing,
+    Light,
+    PointLight,
+    SpotLight,
+    parse_camera,
+    parse_light,
+)
+
+__all__ = [
+    "BACKENDS",
+    "BUILT_IN",
+    "CAMERA_SYNTAX",
+    "LIGHT_SYNTAX",
+    "BackendReport",
+    "Camera",
+    "CameraLight",
+    "DirectionalLight",
+    "Framing",
+    "Light",
+    "Mesh",
+    "PointLight",
+    "RenderedImage",
+    "Renderer",
+    "SpotLight",
+    "baluster",
+    "get_context",
+    "load_mesh",
+    "parse_camera",
+    "parse_light",
+    "plane",
+    "probe_backends",
+    "read_image",
+    "render",
+    "renderer",
+    "sphere",
+    "write_exr",
+    "write_png",
+]

@@ -1,0 +1,252 @@
+"""OpenGL without a screen: one context per process and backend, and a probe that says what works here."""
+
+from __future__ import annotations
+
+import ctypes
+import ctypes.util
+import functools
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import moderngl
+
+from mrm_nodes.errors import MrmError
+
+#: The backends, in the order in which `auto` tries them.
+BACKENDS = ("egl", "osmesa")
+
+#: MaterialX generates `#version 400`.
+MINIMUM_VERSION = 400
+
+#: What to install where a backend is missing.
+HINTS = {
+    "egl": "install EGL and Mesa's drivers (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri)",
+    "osmesa": "install OSMesa (Debian 12: apt-get install libosmesa6; Mesa 25.1 and later no longer have it)",
+}
+
+_PROBE_TIMEOUT_SECONDS = 60.0
+
+
+@dataclass(frozen=True)
+class GLContext:
+    """A headless OpenGL context: moderngl's view of it, and the loader of its functions."""
+
+    backend: str
+    ctx: moderngl.Context
+    load: Callable[[str], int]
+
+    def call(self, function: str, *arguments: Any) -> None:
+        """Call a GL function that moderngl does not wrap, with integers and ctypes arrays."""
+        types = [ctypes.c_void_p if isinstance(a, ctypes.Array) else ctypes.c_int for a in arguments]
+        ctypes.CFUNCTYPE(None, *types)(self.load(function))(*arguments)
+
+    @property
+    def renderer(self) -> str:
+        """Name of the GPU or of the software driver."""
+        return str(self.ctx.info["GL_RENDERER"])
+
+
+@dataclass(frozen=True)
+class BackendReport:
+    """What a probe found out about one backend; `reason` and `hint` are empty where it works."""
+
+    backend: str
+    works: bool
+    vendor: str = ""
+    renderer: str = ""
+    version: str = ""
+    reason: str = ""
+    hint: str = ""
+
+
+class _OSMesaContext:
+    """An OSMesa context with the four methods that `moderngl.create_context(context=...)` asks for."""
+
+    # GL/osmesa.h
+    _FORMAT, _RGBA, _DEPTH_BITS, _PROFILE, _CORE_PROFILE = 0x22, 0x1908, 0x30, 0x33, 0x34
+    _MAJOR_VERSION, _MINOR_VERSION, _UNSIGNED_BYTE = 0x36, 0x37, 0x1401
+
+    def __init__(self) -> None:
+        library = _load_osmesa()
+        library.OSMesaCreateContextAttribs.restype = ctypes.c_void_p
+        library.OSMesaCreateContextAttribs.argtypes = [ctypes.POINTER(ctypes.c_int), ctypes.c_void_p]
+        library.OSMesaMakeCurrent.restype = ctypes.c_ubyte
+        library.OSMesaMakeCurrent.argtypes = [
+            ctypes.c_void_p,
+            ctypes.c_void_p,
+            ctypes.c_uint,
+            ctypes.c_int,
+            ctypes.c_int,
+        ]
+        library.OSMesaDestroyContext.restype = None
+        library.OSMesaDestroyContext.argtypes = [ctypes.c_void_p]
+        library.OSMesaGetProcAddress.restype = ctypes.c_void_p
+        library.OSMesaGetProcAddress.argtypes = [ctypes.c_char_p]
+        self._library = library
+        attributes = [self._FORMAT, self._RGBA, self._DEPTH_BITS, 24, self._PROFILE, self._CORE_PROFILE]
+        attributes += [self._MAJOR_VERSION, 4, self._MINOR_VERSION, 0, 0, 0]
+        self._context = library.OSMesaCreateContextAttribs(
+            (ctypes.c_int * len(attributes))(*attributes), None
+        )
+        if not self._context:
+            raise OSError("OSMesaCreateContextAttribs gave no OpenGL 4.0 core context")
+        # OSMesa insists on a window's memory, although everything is drawn into framebuffer objects.
+        self._window = (ctypes.c_ubyte * 4)()
+        self.__enter__()
+
+    def load(self, name: str) -> int:
+        return self._library.OSMesaGetProcAddress(name.encode()) or 0
+
+    def __enter__(self) -> None:
+        if not self._library.OSMesaMakeCurrent(self._context, self._window, self._UNSIGNED_BYTE, 1, 1):
+            raise OSError("OSMesaMakeCurrent failed")
+
+    def __exit__(self, *exception: object) -> None:
+        self._library.OSMesaMakeCurrent(None, None, self._UNSIGNED_BYTE, 0, 0)
+
+    def release(self) -> None:
+        self._library.OSMesaDestroyContext(self._context)
+
+
+def _load_osmesa() -> ctypes.CDLL:
+    names = ["libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so", ctypes.util.find_library("OSMesa")]
+    for name in names:
+        if name is None:
+            continue
+        try:
+            library = ctypes.CDLL(name)
+        except OSError:
+            continue
+        if hasattr(library, "OSMesaCreateContextAttribs"):
+            return library
+    raise OSError("libOSMesa is not installed")
+
+
+def _create_egl() -> Any:
+    """Create a surfaceless context on the first EGL device that gives one: GPUs come before software."""
+    import glcontext
+
+    create = glcontext.get_backend_by_name("egl")
+    # libEGL finds every GL function by itself, so that libGL need not be installed.
+    library = os.environ.get("GLCONTEXT_LINUX_LIBEGL", "libEGL.so.1")
+    errors: list[str] = []
+    for device in range(16):
+        try:
+            return create(
+                mode="standalone",
+                libgl=library,
+                libegl=library,
+                glversion=MINIMUM_VERSION,
+                device_index=device,
+            )
+        except Exception as error:  # glcontext raises bare Exception
+            if "device index" in str(error):
+                break
+            errors.append(str(error))
+            if "loaded" in str(error):
+                break
+    raise OSError("; ".join(dict.fromkeys(errors)) or "EGL lists no device")
+
+
+def _create(backend: str) -> GLContext:
+    native = _OSMesaContext() if backend == "osmesa" else _create_egl()
+    ctx = moderngl.create_context(context=native, require=MINIMUM_VERSION)
+    # Objects are released explicitly: a finaliser could run while another context is current.
+    ctx.gc_mode = None
+    return GLContext(backend, ctx, native.load)
+
+
+@functools.cache
+def _cached(backend: str) -> GLContext | str:
+    """Return the context of one backend, or why there is none: a failure is not tried again."""
+    try:
+        return _create(backend)
+    except Exception as error:  # every layer below has exceptions of its own
+        return " ".join(str(error).split()) or type(error).__name__
+
+
+def get_context(backend: str = "auto") -> GLContext:
+    """Return this process's context of a backend, creating it on first use.
+
+    Args:
+        backend: `egl`, `osmesa`, or `auto` for the first of them that works.
+
+    Raises:
+        MrmError: an unknown backend, or no OpenGL 4.0 there; says what to install.
+    """
+    if backend not in (*BACKENDS, "auto"):
+        raise MrmError(f"unknown backend {backend}; known: auto, {', '.join(BACKENDS)}")
+    tried = BACKENDS if backend == "auto" else (backend,)
+    reasons = []
+    for name in tried:
+        found = _cached(name)
+        if isinstance(found, GLContext):
+            return found
+        reasons.append(f"{name}: {found}; {HINTS[name]}")
+    raise MrmError("no OpenGL without a display: " + " | ".join(reasons))
+
+
+def probe_backends() -> list[BackendReport]:
+    """Try every backend, each in a process of its own, where even a crashing driver does no harm.
+
+    Never raises.
+    """
+    return [_probe(backend) for backend in BACKENDS]
+
+
+def _probe(backend: str) -> BackendReport:
+    command = [sys.executable, "-c", f"from {__name__} import _probe_here; _probe_here({backend!r})"]
+    # The child must find this package wherever this process found it.
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    try:
+        child = subprocess.run(
+            command, capture_output=True, text=True, env=environment, timeout=_PROBE_TIMEOUT_SECONDS
+        )
+        if child.returncode == 0:
+            return BackendReport(**json.loads(child.stdout.splitlines()[-1]))
+        last_line = (child.stderr.strip().splitlines() or ["no message"])[-1]
+        reason = f"the driver ended the probe with status {child.returncode}: {last_line}"
+    except subprocess.TimeoutExpired:
+        reason = f"the driver did not answer within {_PROBE_TIMEOUT_SECONDS:g} s"
+    except Exception as error:  # the promise is never to raise
+        reason = f"the probe could not run: {error}"
+    return BackendReport(backend, False, reason=reason, hint=HINTS[backend])
+
+
+def _probe_here(backend: str) -> None:
+    """Print a BackendReport as JSON: create the context and draw one float32 pixel with it."""
+    found = _cached(backend)
+    if isinstance(found, str):
+        report = BackendReport(backend, False, reason=found, hint=HINTS[backend])
+    else:
+        info = found.ctx.info
+        strings = (str(info[key]) for key in ("GL_VENDOR", "GL_RENDERER", "GL_VERSION"))
+        works = _draws_one_pixel(found.ctx)
+        report = BackendReport(
+            backend,
+            works,
+            *strings,
+            reason="" if works else "a float32 pixel does not come back as it was drawn",
+            hint="" if works else HINTS[backend],
+        )
+    print(json.dumps(asdict(report)))
+
+
+def _draws_one_pixel(ctx: moderngl.Context) -> bool:
+    import numpy as np
+
+    program = ctx.program(
+        vertex_shader="#version 400\nvoid main() { gl_Position = vec4(0.0, 0.0, 0.0, 1.0); }",
+        fragment_shader="#version 400\nout vec4 c; void main() { c = vec4(-1.5, 1e-6, 70000.0, 1.0); }",
+    )
+    target = ctx.framebuffer([ctx.texture((1, 1), 4, dtype="f4")])
+    target.use()
+    target.clear()
+    ctx.vertex_array(program, []).render(moderngl.POINTS, vertices=1)
+    pixel = np.frombuffer(target.read(components=4, dtype="f4"), "f4")
+    return bool(np.array_equal(pixel, np.array([-1.5, 1e-6, 70000.0, 1.0], "f4")))

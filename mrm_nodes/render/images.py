@@ -1,0 +1,123 @@
+"""Images in and out, through OpenImageIO: EXR for data, PNG for eyes."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from mrm_nodes.errors import MrmError
+
+
+def read_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+    """Read an image as float32 of shape (height, width, channels), row 0 at the top; 8 bits become 0..1.
+
+    Alpha stays as stored: colours are not multiplied with it.
+
+    Raises:
+        MrmError: the file is missing, truncated, or in no format that OpenImageIO knows.
+    """
+    return np.asarray(read_pixels(path, oiio.FLOAT), dtype=np.float32)
+
+
+def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN) -> NDArray[Any]:
+    """Read an image as `read_image` does, but in the number format `kind`, by default the file's own.
+
+    Raises:
+        MrmError: the file is missing, truncated, or in no format that OpenImageIO knows.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise MrmError(f"{file}: no such image")
+    options = oiio.ImageSpec()
+    options.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(str(file), options)
+    if source is None:
+        raise MrmError(f"{file}: not an image that can be read: {_message(oiio.geterror())}")
+    try:
+        pixels = source.read_image(kind)
+        # Some formats fill in what a truncated file lacks, and only leave a message.
+        complaint = source.geterror()
+    finally:
+        source.close()
+    if pixels is None or complaint:
+        raise MrmError(f"{file}: the image is damaged or truncated: {_message(complaint)}")
+    return np.ascontiguousarray(pixels)
+
+
+def write_exr(path: str | os.PathLike[str], array: NDArray[Any]) -> None:
+    """Write float32 EXR of an array of shape (height, width), or (height, width, channels), row 0 at the top.
+
+    The file appears complete or not at all.
+
+    Raises:
+        MrmError: the folder or the file cannot be written.
+    """
+    pixels = np.ascontiguousarray(array, dtype=np.float32)
+    _write(Path(path), pixels, {"compression": "zips"}, ".exr")
+
+
+def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float = 0.0) -> None:
+    """Write an 8-bit sRGB PNG, for eyes, of linear values; 1 is white and what is brighter is clipped.
+
+    The file appears complete or not at all.
+
+    Args:
+        array: shape (height, width) or (height, width, channels), row 0 at the top.
+        exposure: stops to brighten by before the clipping.
+
+    Raises:
+        MrmError: the folder or the file cannot be written.
+    """
+    linear = np.nan_to_num(np.asarray(array, dtype=np.float64) * 2.0**exposure, nan=0.0, posinf=1.0)
+    linear = np.clip(linear, 0.0, 1.0)
+    # IEC 61966-2-1
+    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
+    _write(Path(path), np.round(encoded * 255.0).astype(np.uint8), {"oiio:ColorSpace": "sRGB"}, ".png")
+
+
+def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str], ending: str) -> None:
+    if pixels.ndim == 2:
+        pixels = pixels[..., None]
+    height, width, channels = pixels.shape
+    specification = oiio.ImageSpec(
+        width, height, channels, oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT
+    )
+    for name, value in attributes.items():
+        specification.attribute(name, value)
+    try:
+        handle, temporary = tempfile.mkstemp(suffix=ending, prefix=f".{path.name}.", dir=path.parent)
+    except OSError as error:
+        raise MrmError(
+            f"{path}: cannot be written: {error.strerror}; choose a folder that exists and can be"
+        ) from None
+    os.close(handle)
+    try:
+        target = oiio.ImageOutput.create(temporary)
+        if target is None:
+            raise MrmError(f"{path}: cannot be written: {_message(oiio.geterror())}")
+        written = target.open(temporary, specification) and target.write_image(pixels)
+        complaint = target.geterror()
+        if not (target.close() and written):
+            raise MrmError(f"{path}: cannot be written: {_message(complaint or target.geterror())}")
+        os.chmod(temporary, 0o666 & ~_umask())  # noqa: PTH101
+        os.replace(temporary, path)  # noqa: PTH105
+    except OSError as error:
+        raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        Path(temporary).unlink(missing_ok=True)
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _message(text: str) -> str:
+    return " ".join(text.split()) or "unknown fault"

@@ -1,0 +1,535 @@
+"""Draws a generated shader on a mesh, or on a cloud of points, and hands back the image with its geometry."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import os
+import re
+import time
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, TypeVar
+
+import MaterialX as mx
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.render.context import get_context
+from mrm_nodes.render.gbuffer import TARGETS, patch
+from mrm_nodes.render.mesh import Mesh
+from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.scene import Camera, Framing, Light, parse_camera, parse_light, vector
+from mrm_nodes.render.textures import Sampling, TextureCache, border_color, find_image
+from mrm_nodes.render.uniforms import Uniform, uniforms_of
+from mrm_nodes.shadergen import Shader, generate_shader
+
+Floats = NDArray[np.float32]
+
+#: Points of one draw; more are drawn in turns, so that memory stays modest.
+POINTS_PER_DRAW = 1 << 20
+
+_KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS = 64, 16, 2
+_BLACK_UNIT = 0
+_IDENTITY = tuple(np.eye(4).ravel().tolist())
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedImage:
+    """An image and, from the same draw, the geometry that its shader saw: float32, row 0 at the top.
+
+    Args:
+        image: (h, w, 3) linear radiance; 0 where nothing was drawn.
+        position, normal, tangent: (h, w, 3) in world space, as interpolated: normals are not quite unit vectors.
+        texcoord: (h, w, 2), as interpolated.
+        mask: (h, w), True where the mesh covers the middle of the pixel.
+        camera: the camera that was used.
+        backend, device: which OpenGL drew it.
+        seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory.
+    """
+
+    image: Floats
+    position: Floats
+    normal: Floats
+    tangent: Floats
+    texcoord: Floats
+    mask: NDArray[np.bool_]
+    camera: Camera
+    backend: str
+    device: str
+    seconds: Mapping[str, float]
+
+
+class _Recent(Generic[K, V]):
+    """The most recently used values; one that has to make room is released."""
+
+    def __init__(self, limit: int, release: Callable[[V], None]) -> None:
+        self._limit, self._release = limit, release
+        self._values: OrderedDict[K, V] = OrderedDict()
+
+    def get(self, key: K, make: Callable[[], V]) -> V:
+        if key not in self._values:
+            while len(self._values) >= self._limit:
+                self._release(self._values.popitem(last=False)[1])
+            self._values[key] = make()
+        self._values.move_to_end(key)
+        return self._values[key]
+
+
+@dataclass(frozen=True, eq=False)
+class _Program:
+    """A linked program, its active uniforms and vertex attributes, and a number that is never used again."""
+
+    number: int
+    program: moderngl.Program
+    uniforms: dict[str, moderngl.Uniform]
+    attributes: dict[str, int]  # by name: how many floats
+
+
+@dataclass(frozen=True, eq=False)
+class _MeshBuffers:
+    """A mesh on the GPU, and a vertex array for each program that drew it."""
+
+    mesh: Mesh  # kept alive, so that no other mesh gets its id
+    buffers: dict[str, tuple[moderngl.Buffer, str]]
+    indices: moderngl.Buffer
+    arrays: dict[int, moderngl.VertexArray] = field(default_factory=dict)
+
+    def release(self) -> None:
+        for item in (*self.arrays.values(), *(buffer for buffer, _ in self.buffers.values()), self.indices):
+            item.release()
+
+
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """A float32 framebuffer: the image and the geometry."""
+
+    colors: list[moderngl.Texture]
+    depth: moderngl.Renderbuffer
+    framebuffer: moderngl.Framebuffer
+
+    def read(self, index: int) -> Floats:
+        """Return one attachment, (h, w, 4), row 0 at the bottom."""
+        width, height = self.framebuffer.size
+        return np.frombuffer(self.colors[index].read(), np.float32).reshape(height, width, 4)
+
+    def release(self) -> None:
+        for item in (self.framebuffer, *self.colors, self.depth):
+            item.release()
+
+
+class Renderer:
+    """Renders on one backend; programs, meshes and images stay on the GPU between calls.
+
+    All renderers of a process share one context per backend. Use them from one thread.
+
+    Args:
+        backend: `egl`, `osmesa`, or `auto` for the first of them that works.
+
+    Raises:
+        MrmError: an unknown backend, or no OpenGL there.
+    """
+
+    def __init__(self, backend: str = "auto") -> None:
+        self._gl = get_context(backend)
+        self.backend = self._gl.backend
+        self.device = self._gl.renderer
+        self._numbers = itertools.count()
+        self._programs: _Recent[tuple[str, str], _Program] = _Recent(
+            _KEPT_PROGRAMS, lambda p: p.program.release()
+        )
+        self._meshes: _Recent[int, _MeshBuffers] = _Recent(_KEPT_MESHES, _MeshBuffers.release)
+        self._targets: _Recent[tuple[int, int], _Target] = _Recent(_KEPT_TARGETS, _Target.release)
+        self._textures = TextureCache(self._gl)
+        with self._gl.ctx as ctx:
+            self._black = ctx.texture((1, 1), 4, np.zeros(4, np.float32), dtype="f4")
+
+    def render(
+        self,
+        shader: Shader,
+        mesh: Mesh,
+        camera: Camera | Framing | None = None,
+        lights: Sequence[Light] = (),
+        size: tuple[int, int] = (512, 512),
+        uniforms: Mapping[str, Any] | None = None,
+    ) -> RenderedImage:
+        """Draw a mesh, in a black environment, with one sample in the middle of each pixel.
+
+        Args:
+            camera: by default it stands on the +z side and shows the whole mesh.
+            size: width and height in pixels.
+            uniforms: values in place of the material's, by the path of an input (`graph/node/input`) or by the
+                uniform's name; an enum takes its name or its number.
+
+        Raises:
+            MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN; more
+                lights than the shader has room for; a size that the driver cannot draw.
+        """
+        width, height = self._checked_size(size)
+        aspect = width / height
+        if camera is None:
+            camera = Framing()
+        if isinstance(camera, Framing):
+            camera = camera.camera(mesh.center, mesh.radius, aspect)
+        near, far = camera.clip_distances(mesh.center, mesh.radius)
+        view_projection = camera.projection_matrix(aspect, near, far) @ camera.view_matrix()
+        values = uniforms_of(shader, uniforms)
+        with self._gl.ctx:
+            started = time.perf_counter()
+            program, is_new = self._program(shader, points=False)
+            linked = time.perf_counter()
+            self._upload(shader, program, values, view_projection, camera, lights)
+            array = self._vertex_array(program, mesh, shader)
+            target = self._begin((width, height), depth_test=True)
+            array.render(moderngl.TRIANGLES)
+            pixels = [target.read(index)[::-1] for index in range(TARGETS)]
+            image, position, normal, tangent = (np.ascontiguousarray(data[..., :3]) for data in pixels)
+            texcoord = np.stack([pixels[2][..., 3], pixels[3][..., 3]], axis=-1)
+            finished = time.perf_counter()
+        return RenderedImage(
+            image=image,
+            position=position,
+            normal=normal,
+            tangent=tangent,
+            texcoord=texcoord,
+            mask=pixels[1][..., 3] > 0.5,
+            camera=camera,
+            backend=self.backend,
+            device=self.device,
+            seconds={"compile": linked - started if is_new else 0.0, "render": finished - linked},
+        )
+
+    def draw_points(
+        self,
+        shader: Shader,
+        attributes: Mapping[str, NDArray[Any]],
+        camera_position: Sequence[float],
+        lights: Sequence[Light] = (),
+        uniforms: Mapping[str, Any] | None = None,
+    ) -> dict[str, Floats]:
+        """Shade n points, each with its own vertex data: n configurations of the same shader.
+
+        Args:
+            attributes: arrays of length n, (n,) or (n, k), by the name of the vertex attribute without `i_`:
+                `position`, `normal`, `tangent` (and `bitangent`, `texcoord_0`, `color_0`), and by the name that a
+                `geompropvalue` node gives. `position` is needed, and what the shader uses.
+            camera_position: where the shader takes the view direction from.
+            uniforms: as in `render`.
+
+        Returns:
+            `image`, `position`, `normal`, `tangent`: (n, 3) float32, in the order of the points.
+
+        Raises:
+            MrmError: as `render`; also vertex data that is missing, of the wrong shape, unknown, or NaN.
+        """
+        data = {
+            name.removeprefix("i_").removeprefix("geomprop_"): value for name, value in attributes.items()
+        }
+        if "position" not in data:
+            raise MrmError("draw_points: the attribute position is missing")
+        count = len(np.asarray(data["position"]))
+        if count == 0:
+            raise MrmError("draw_points: there are no points")
+        # The shader sees nothing of the camera but its position.
+        position = vector(camera_position, "draw_points: camera_position")
+        camera = Camera(position, (position[0], position[1], position[2] - 1.0))
+        values = uniforms_of(shader, uniforms)
+        names = ("image", "position", "normal", "tangent")
+        results = {name: np.empty((count, 3), np.float32) for name in names}
+        with self._gl.ctx:
+            program, _ = self._program(shader, points=True)
+            streams = self._point_streams(program, data, count, shader)
+            self._upload(shader, program, values, np.eye(4), camera, lights)
+            for start in range(0, count, POINTS_PER_DRAW):
+                end = min(start + POINTS_PER_DRAW, count)
+                self._draw_chunk(program, streams, start, end, results)
+        return results
+
+    def _draw_chunk(
+        self, program: _Program, streams: dict[str, Floats], start: int, end: int, results: dict[str, Floats]
+    ) -> None:
+        width = math.isqrt(end - start - 1) + 1
+        height = -(-(end - start) // width)
+        program.uniforms["mrm_grid"].value = (width, height)
+        ctx = self._gl.ctx
+        buffers = {
+            name: ctx.buffer(np.ascontiguousarray(stream[start:end])) for name, stream in streams.items()
+        }
+        content = [(buffer, f"{program.attributes[name]}f", name) for name, buffer in buffers.items()]
+        array = ctx.vertex_array(program.program, content)
+        try:
+            target = self._begin((width, height), depth_test=False)
+            array.render(moderngl.POINTS, vertices=end - start)
+            for index, result in enumerate(results.values()):
+                result[start:end] = target.read(index).reshape(-1, 4)[: end - start, :3]
+        finally:
+            for item in (array, *buffers.values()):
+                item.release()
+
+    def _point_streams(
+        self, program: _Program, data: Mapping[str, NDArray[Any]], count: int, shader: Shader
+    ) -> dict[str, Floats]:
+        """Return the arrays of the program's vertex attributes, by their names in GLSL."""
+        declared = {_bare(name) for name in program.attributes} | {
+            _bare(name) for name in re.findall(r"^in \w+ i_(\w+);", shader.vertex, re.MULTILINE)
+        }
+        known = declared | {"position", "normal", "tangent", "bitangent", "texcoord_0", "color_0"}
+        unknown = sorted(set(data) - known)
+        if unknown:
+            raise MrmError(
+                f"draw_points: {shader.name} has no attribute {unknown[0]}; known: {sorted(known)}"
+            )
+        streams = {}
+        for name, width in program.attributes.items():
+            bare = _bare(name)
+            if bare not in data:
+                if bare in ("normal", "tangent", "texcoord_0") and f" {name};" not in shader.vertex:
+                    continue  # only the geometry targets want it
+                raise MrmError(f"draw_points: {shader.name} needs the attribute {bare}")
+            stream = np.asarray(data[bare], dtype=np.float32).reshape(len(data[bare]), -1)
+            if stream.shape != (count, width):
+                raise MrmError(f"draw_points: {bare} has shape {stream.shape}, not {(count, width)}")
+            if not np.isfinite(stream).all():
+                raise MrmError(f"draw_points: {bare} has values that are NaN or infinite")
+            streams[name] = stream
+        return streams
+
+    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        limit = min(self._gl.ctx.info["GL_MAX_TEXTURE_SIZE"], self._gl.ctx.info["GL_MAX_RENDERBUFFER_SIZE"])
+        try:
+            width, height = (int(length) for length in size)
+        except (TypeError, ValueError):
+            raise MrmError(f"size {size} is not a width and a height") from None
+        if not (1 <= width <= limit and 1 <= height <= limit):
+            raise MrmError(f"size {width}x{height}: this driver draws 1x1 to {limit}x{limit} pixels")
+        return width, height
+
+    def _program(self, shader: Shader, *, points: bool) -> tuple[_Program, bool]:
+        """Return the program of a shader, and whether it was compiled just now."""
+        vertex, pixel = patch(shader.vertex, shader.pixel, points=points)
+        is_new = False
+
+        def link() -> _Program:
+            nonlocal is_new
+            is_new = True
+            try:
+                program = self._gl.ctx.program(vertex_shader=vertex, fragment_shader=pixel)
+            except moderngl.Error as error:
+                raise MrmError(compile_error(str(error), shader.name, vertex, pixel)) from None
+            members = {name: program[name] for name in program}
+            return _Program(
+                next(self._numbers),
+                program,
+                {name: member for name, member in members.items() if isinstance(member, moderngl.Uniform)},
+                {
+                    name: member.dimension
+                    for name, member in members.items()
+                    if isinstance(member, moderngl.Attribute) and name.startswith("i_")
+                },
+            )
+
+        return self._programs.get((vertex, pixel), link), is_new
+
+    def _upload(
+        self,
+        shader: Shader,
+        program: _Program,
+        values: Mapping[str, Uniform],
+        view_projection: NDArray[np.float64],
+        camera: Camera,
+        lights: Sequence[Light],
+    ) -> None:
+        """Set every active uniform: a program is shared by cases, so that none may keep a former value."""
+        own: dict[str, Any] = {
+            "u_worldMatrix": _IDENTITY,
+            "u_worldInverseTransposeMatrix": _IDENTITY,
+            # GLSL stores columns.
+            "u_viewProjectionMatrix": view_projection.T.ravel(),
+            "u_viewPosition": camera.position,
+            "u_numActiveLightSources": len(lights),
+            # A black environment: MaterialX's integral over it is skipped at zero samples.
+            "u_envRadianceSamples": 0,
+            "u_envLightIntensity": 1.0,
+        }
+        room = sum(re.fullmatch(r"u_lightData\[\d+\]\.type", name) is not None for name in program.uniforms)
+        if lights and len(lights) > room and "u_numActiveLightSources" in program.uniforms:
+            raise MrmError(f"{shader.name}: {len(lights)} lights, but the shader was generated for {room}")
+        for index, light in enumerate(lights):
+            own |= {f"u_lightData[{index}].{name}": value for name, value in light.data(camera).items()}
+
+        self._black.use(_BLACK_UNIT)
+        unit = _BLACK_UNIT
+        for name, uniform in program.uniforms.items():
+            value = own[name] if name in own else values[name].value if name in values else None
+            if name in values and values[name].type == "filename":
+                if value:
+                    unit += 1
+                    self._bind_image(shader, values, name, unit)
+                uniform.value = unit if value else _BLACK_UNIT
+            elif name != "mrm_grid":
+                kind = np.float32 if uniform.fmt.endswith("f") else np.int32
+                floats = uniform.dimension * uniform.array_length
+                numbers = np.zeros(floats, kind)
+                if value is not None:
+                    given = np.ravel(value)[:floats]
+                    numbers[: len(given)] = given
+                uniform.write(numbers)
+
+    def _bind_image(self, shader: Shader, values: Mapping[str, Uniform], name: str, unit: int) -> None:
+        """Bind the image of a `…_file` uniform, sampled as its neighbours say (ImageSamplingProperties)."""
+        stem = name.rpartition("_")[0]
+
+        def neighbour(suffix: str) -> Any:
+            uniform = values.get(f"{stem}_{suffix}")
+            return uniform.value if uniform is not None else None
+
+        u_mode, v_mode, filter_type = (
+            int((neighbour(suffix) or [-1])[0]) for suffix in ("uaddressmode", "vaddressmode", "filtertype")
+        )
+        sampling = Sampling(
+            (u_mode, v_mode),
+            filter_type,
+            border_color(neighbour("default") or [0.0]),
+            top_row_first=re.search(r"1\.0 - uv\.y", shader.pixel) is not None,
+        )
+        path = values[name].path or name
+        self._textures.bind(find_image(values[name].value, shader.search_path, path), unit, sampling)
+
+    def _begin(self, size: tuple[int, int], *, depth_test: bool) -> _Target:
+        """Bind and clear a target, and set every state that a draw depends on."""
+        ctx = self._gl.ctx
+
+        def make() -> _Target:
+            colors = [ctx.texture(size, 4, dtype="f4") for _ in range(TARGETS)]
+            depth = ctx.depth_renderbuffer(size)
+            return _Target(colors, depth, ctx.framebuffer(colors, depth))
+
+        target = self._targets.get(size, make)
+        target.framebuffer.use()
+        target.framebuffer.clear()
+        # Back faces are shaded, nothing is blended.
+        ctx.enable_only(moderngl.DEPTH_TEST if depth_test else moderngl.NOTHING)
+        ctx.depth_func = "<"
+        ctx.point_size = 1.0
+        return target
+
+    def _vertex_array(self, program: _Program, mesh: Mesh, shader: Shader) -> moderngl.VertexArray:
+        kept = self._meshes.get(id(mesh), lambda: self._mesh_buffers(mesh))
+        if program.number not in kept.arrays:
+            content = []
+            for name, width in program.attributes.items():
+                if name not in kept.buffers:
+                    raise MrmError(
+                        f"mesh {mesh.name} has no vertex data {_bare(name)}, which {shader.name} uses"
+                    )
+                buffer, suffix = kept.buffers[name]
+                available = 4 if suffix else buffer.size // (4 * len(mesh.positions))
+                if available < width:
+                    raise MrmError(
+                        f"mesh {mesh.name}: {_bare(name)} has {available} components, {shader.name} wants {width}"
+                    )
+                padding = f" {4 * (available - width)}x" if available > width else ""
+                content.append((buffer, f"{width}f{padding}{suffix}", name))
+            kept.arrays[program.number] = self._gl.ctx.vertex_array(program.program, content, kept.indices)
+        return kept.arrays[program.number]
+
+    def _mesh_buffers(self, mesh: Mesh) -> _MeshBuffers:
+        ctx = self._gl.ctx
+        streams = {
+            "i_position": mesh.positions,
+            "i_normal": mesh.normals,
+            "i_tangent": mesh.tangents,
+            "i_bitangent": np.cross(mesh.normals, mesh.tangents),
+            "i_texcoord_0": mesh.texcoords,
+        }
+        streams |= {f"i_geomprop_{name}": data for name, data in mesh.geomprops.items()}
+        buffers = {name: (ctx.buffer(np.ascontiguousarray(data)), "") for name, data in streams.items()}
+        if mesh.colors is not None:
+            buffers["i_color_0"] = (ctx.buffer(mesh.colors), "")
+        else:
+            buffers["i_color_0"] = (ctx.buffer(np.ones(4, np.float32)), "/r")
+        return _MeshBuffers(mesh, buffers, ctx.buffer(mesh.indices))
+
+
+def _bare(attribute: str) -> str:
+    """Return the name of a vertex attribute as users know it."""
+    return attribute.removeprefix("i_").removeprefix("geomprop_")
+
+
+def compile_error(message: str, name: str, vertex: str, pixel: str) -> str:
+    """Return one line with the compiler's first complaints and the source lines that they are about."""
+    stage, source = ("vertex", vertex) if "vertex_shader" in message else ("pixel", pixel)
+    lines = source.splitlines()
+    # Mesa writes 0:12(5): error; NVIDIA 0(12) : error; others ERROR: 0:12: …
+    located = re.compile(r"(?:^|\b)0(?::(\d+)|\((\d+)\))")
+    complaints: list[str] = []
+    quoted: set[int] = set()
+    for text in message.splitlines():
+        found = located.search(text)
+        if found is None:
+            if "error" in text.lower():
+                complaints.append(text.strip())
+            continue
+        number = int(found[1] or found[2])
+        complaint = text.strip()
+        if 1 <= number <= len(lines) and number not in quoted:
+            complaint += f", in line {number}: `{lines[number - 1].strip()}`"
+        quoted.add(number)
+        complaints.append(complaint)
+    if "Compiler" not in message:
+        stage = "linked"
+    shown = "; ".join(complaints[:3]) or " ".join(message.split())
+    more = f"; and {len(complaints) - 3} more" if len(complaints) > 3 else ""
+    return f"{name}: the {stage} shader does not compile: {shown}{more}"
+
+
+def render(
+    material: str | os.PathLike[str] | mx.Document | Shader,
+    mesh: str | os.PathLike[str] | Mesh = "sphere",
+    camera: Camera | Framing | str | None = None,
+    lights: Sequence[Light | str] | Light | str = (),
+    size: tuple[int, int] = (512, 512),
+    backend: str = "auto",
+    uniforms: Mapping[str, Any] | None = None,
+) -> RenderedImage:
+    """Render a material on a mesh, in a black environment; without a light the image is black.
+
+    Args:
+        material: a .mtlx file, a MaterialX document, or a shader generated for GLSL.
+        mesh: `sphere`, `plane`, `baluster`, an .obj or .glb file, or a Mesh.
+        camera: a Camera, a Framing, or text as in CAMERA_SYNTAX; by default it shows the whole mesh from +z.
+        lights: lights, or texts as in LIGHT_SYNTAX, such as `camera`.
+        size: width and height in pixels.
+        backend: `egl`, `osmesa`, or `auto` for the first of them that works.
+        uniforms: values in place of the material's: see `Renderer.render`.
+
+    Raises:
+        MrmError: any of these is unreadable, unknown, out of range or NaN; the shader does not compile; no OpenGL.
+    """
+    listed = [lights] if isinstance(lights, str | Light) else lights
+    parsed_lights = [parse_light(light) if isinstance(light, str) else light for light in listed]
+    parsed_camera = parse_camera(camera) if isinstance(camera, str) else camera
+    loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
+    shader = material if isinstance(material, Shader) else generate_shader(material)
+    return renderer(backend).render(shader, loaded, parsed_camera, parsed_lights, size, uniforms)
+
+
+_RENDERERS: dict[str, Renderer] = {}
+
+
+def renderer(backend: str = "auto") -> Renderer:
+    """Return this process's renderer of a backend, so that programs and meshes are shared by all who ask.
+
+    Raises:
+        MrmError: an unknown backend, or no OpenGL there.
+    """
+    name = get_context(backend).backend
+    if name not in _RENDERERS:
+        _RENDERERS[name] = Renderer(name)
+    return _RENDERERS[name]

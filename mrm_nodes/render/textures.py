@@ -1,0 +1,126 @@
+"""A material's image files as GL textures, bound as MaterialX's own GlslProgram binds them."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import MaterialX as mx
+import moderngl
+import numpy as np
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.render.context import GLContext
+from mrm_nodes.render.images import read_image, read_pixels
+
+_GL_TEXTURE_2D, _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T, _GL_TEXTURE_BORDER_COLOR = (
+    0x0DE1,
+    0x2802,
+    0x2803,
+    0x1004,
+)
+_GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT = 0x812D, 0x812F, 0x2901, 0x8370
+
+#: By MaterialX's ImageSamplingProperties::AddressMode: constant, clamp, periodic, mirror.
+_WRAPS = (_GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT)
+_CLOSEST = 0
+
+#: How moderngl names the number formats that textures keep; every other becomes float32.
+_KEPT_FORMATS = {"uint8": "f1", "float16": "f2", "float32": "f4"}
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a shader reads an image.
+
+    Args:
+        address: modes in u and v as MaterialX numbers them (0 constant, 1 clamp, 2 periodic, 3 mirror); any other
+            is periodic.
+        filter_type: 0 for the closest texel; any other is trilinear.
+        border: colour outside the image with address mode constant.
+        top_row_first: whether v = 0 is the top row, as in shaders generated with `fileTextureVerticalFlip`.
+    """
+
+    address: tuple[int, int] = (-1, -1)
+    filter_type: int = -1
+    border: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    top_row_first: bool = True
+
+
+class TextureCache:
+    """Image files uploaded to one context, by path, time of change and sampling."""
+
+    def __init__(self, context: GLContext) -> None:
+        self._context = context
+        self._textures: dict[tuple[str, int, Sampling], moderngl.Texture] = {}
+
+    def bind(self, file: Path, unit: int, sampling: Sampling) -> None:
+        """Bind an image to a texture unit.
+
+        Raises:
+            MrmError: the image is missing, truncated or unknown, or larger than the driver takes.
+        """
+        if not file.is_file():
+            raise MrmError(f"{file}: no such image")
+        key = (str(file.resolve()), file.stat().st_mtime_ns, sampling)
+        if key not in self._textures:
+            self._textures[key] = self._upload(file, sampling)
+        self._textures[key].use(unit)
+
+    def _upload(self, file: Path, sampling: Sampling) -> moderngl.Texture:
+        pixels = read_pixels(file)[:, :, :4]
+        if pixels.dtype.name not in _KEPT_FORMATS:
+            pixels = read_image(file)[:, :, :4]
+        if not sampling.top_row_first:
+            pixels = pixels[::-1]
+        # MaterialX's shaders take a texture of one texel for a missing image.
+        if pixels.shape[:2] == (1, 1):
+            pixels = np.broadcast_to(pixels, (2, 2, pixels.shape[2]))
+        height, width, channels = pixels.shape
+        limit = self._context.ctx.info["GL_MAX_TEXTURE_SIZE"]
+        if max(height, width) > limit:
+            raise MrmError(f"{file}: {width} × {height} pixels, but this driver takes {limit} at most")
+        data = np.ascontiguousarray(pixels)
+        kind = _KEPT_FORMATS[data.dtype.name]
+        texture = self._context.ctx.texture((width, height), channels, data, alignment=1, dtype=kind)
+        if channels == 1:
+            texture.swizzle = "RRR1"
+        if sampling.filter_type == _CLOSEST:
+            texture.filter = (moderngl.NEAREST, moderngl.NEAREST)
+        else:
+            texture.build_mipmaps()
+            texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        self._set_address_modes(texture, sampling)
+        return texture
+
+    def _set_address_modes(self, texture: moderngl.Texture, sampling: Sampling) -> None:
+        """Set what moderngl cannot: a mirrored repeat and a border, in each direction by itself."""
+        texture.use(0)
+        for parameter, mode in zip((_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T), sampling.address, strict=True):
+            wrap = _WRAPS[mode] if 0 <= mode < len(_WRAPS) else _GL_REPEAT
+            self._context.call("glTexParameteri", _GL_TEXTURE_2D, parameter, wrap)
+        border = (ctypes.c_float * 4)(*sampling.border)
+        self._context.call("glTexParameterfv", _GL_TEXTURE_2D, _GL_TEXTURE_BORDER_COLOR, border)
+
+
+def find_image(name: str, search_path: mx.FileSearchPath, uniform: str) -> Path:
+    """Return the file that a material's input names.
+
+    Raises:
+        MrmError: it is nowhere on the search path.
+    """
+    found = search_path.find(mx.FilePath(name))
+    if not found.exists():
+        raise MrmError(f"{name}: no such image (input {uniform}); looked in {search_path.asString()}")
+    return Path(found.asString())
+
+
+def border_color(value: Any) -> tuple[float, float, float, float]:
+    """Return the colour that MaterialX takes outside an image for an input's default value."""
+    if isinstance(value, int | float):
+        return (float(value), 0.0, 0.0, 0.0)
+    numbers = [float(number) for number in value]
+    red, green, blue, alpha = (numbers + [0.0] * 4)[:4]
+    return (red, green, blue, alpha)

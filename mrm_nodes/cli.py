@@ -1,0 +1,215 @@
+"""The command line: parses, calls, prints. Heavy imports wait until a command needs them."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from pathlib import Path
+from typing import Any, NoReturn
+
+import click
+
+from mrm_nodes.errors import MrmError, MrmWarning
+
+TRACEBACK_VARIABLE = "MRM_TRACEBACK"
+"""Set it to see where an unexpected error came from."""
+
+FAILED, AT_FAULT, INTERRUPTED = 1, 2, 130
+"""Exit status: a comparison failed; the request or the machine was at fault; Ctrl-C."""
+
+SUFFIXES = {"vulkan": "glsl", "essl": "glsl", "msl": "metal"}
+"""Endings of shader files whose target's own name is not its ending."""
+
+
+def main(arguments: list[str] | None = None) -> NoReturn:
+    """Run the command line and exit with its status; a fault is one line on stderr, never a traceback."""
+    warnings.showwarning = _show_warning
+    warnings.simplefilter("always", MrmWarning)
+    try:
+        status = cli.main(arguments, prog_name="mrm-nodes", standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        status = AT_FAULT
+    except click.ClickException as error:
+        status = _complain(error.format_message())
+    except (KeyboardInterrupt, click.Abort):
+        status = INTERRUPTED
+    except MrmError as error:
+        status = _complain(str(error))
+    except Exception as error:
+        if os.environ.get(TRACEBACK_VARIABLE):
+            raise
+        status = _complain(f"unexpected {type(error).__name__}: {error} ({TRACEBACK_VARIABLE}=1 shows where)")
+    sys.exit(status or 0)
+
+
+def _complain(message: str) -> int:
+    click.echo(f"mrm-nodes: {_one_line(message)}", err=True)
+    return AT_FAULT
+
+
+def _show_warning(message: Warning | str, category: type[Warning], *where: Any, **others: Any) -> None:
+    if issubclass(category, MrmWarning):
+        click.echo(f"warning: {_one_line(str(message))}", err=True)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="mrm-nodes")
+def cli() -> None:
+    """Retroreflective microfacet nodes for MaterialX: check, render, generate, install."""
+
+
+@cli.command()
+@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+def doctor(backend: str) -> int:
+    """Say which OpenGL was found, whether a render works, and how to mend what does not."""
+    from mrm_nodes.doctor import examine
+
+    return examine(backend)
+
+
+@cli.command()
+@click.option(
+    "-o",
+    "--output",
+    "folder",
+    type=Path,
+    default=Path("report"),
+    show_default=True,
+    help="Folder of the report.",
+)
+@click.option("--suite", default="default", show_default=True, help="Which suite to run.")
+@click.option(
+    "--backend", default="auto", show_default=True, help="egl, osmesa, auto (the first that works) or all."
+)
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Worker processes.")
+@click.option(
+    "--filter",
+    "expression",
+    metavar="EXPR",
+    help="Only cases whose name has this part, or matches this pattern.",
+)
+@click.option(
+    "--configurations",
+    type=click.IntRange(0),
+    default=1_000_000,
+    show_default=True,
+    help="Random configurations of each node; 0 for images only.",
+)
+def regress(
+    folder: Path, suite: str, backend: str, jobs: int, expression: str | None, configurations: int
+) -> int:
+    """Render the suite, compare each pixel with the evaluator, and write report.json and index.html."""
+    from mrm_nodes.regression import suites, terminal
+    from mrm_nodes.regression.run import run_suite
+
+    tasks = suites.choose(suites.suite(suite, configurations), expression)
+    with terminal.progress() as on_outcome:
+        report = run_suite(tasks, folder, backend, jobs, on_outcome)
+    terminal.print_summary(report, folder / "index.html")
+    return FAILED if report["summary"]["failed"] or report["summary"]["errors"] else 0
+
+
+@cli.command()
+@click.argument("file", type=Path)
+@click.option(
+    "-o", "--output", type=Path, required=True, help="Image to write: .exr (float32, linear) or .png (sRGB)."
+)
+@click.option(
+    "--mesh", default="sphere", show_default=True, help="sphere, plane, baluster, or an .obj or .glb file."
+)
+@click.option(
+    "--light",
+    "lights",
+    multiple=True,
+    help="camera[:r,g,b], directional:x,y,z[:r,g,b], point:x,y,z[:r,g,b] or "
+    "spot:x,y,z:dx,dy,dz[:r,g,b]; may be repeated.  [default: camera]",
+)
+@click.option(
+    "--camera",
+    help="x,y,z[:tx,ty,tz] or frame:dx,dy,dz, then :fov=, :width= or :up=.  [default: the whole mesh]",
+)
+@click.option("--size", default="512x512", show_default=True, metavar="WxH", help="Pixels.")
+@click.option("--element", help="Material to render, where the file has several.")
+@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+def render(
+    file: Path,
+    output: Path,
+    mesh: str,
+    lights: tuple[str, ...],
+    camera: str | None,
+    size: str,
+    element: str | None,
+    backend: str,
+) -> None:
+    """Render a material on a mesh."""
+    from mrm_nodes.regression.files import prepare_folder
+    from mrm_nodes.render.images import write_exr, write_png
+    from mrm_nodes.render.renderer import render as render_material
+
+    writers = {".exr": write_exr, ".png": write_png}
+    if output.suffix.lower() not in writers:
+        raise MrmError(f"{output}: unknown image ending {output.suffix or '(none)'}; use .exr or .png")
+    prepare_folder(output.parent)
+    rendered = render_material(
+        file,
+        mesh=mesh,
+        camera=camera,
+        lights=lights or ("camera",),
+        size=parse_size(size),
+        element=element,
+        backend=backend,
+    )
+    writers[output.suffix.lower()](output, rendered.image)
+
+
+@cli.command()
+@click.argument("file", type=Path)
+@click.option("--target", required=True, help="glsl, essl, vulkan, wgsl, msl, slang, osl or mdl.")
+@click.option("-o", "--output", "folder", type=Path, required=True, help="Folder for the shader's files.")
+@click.option("--element", help="Material to generate, where the file has several.")
+def generate(file: Path, target: str, folder: Path, element: str | None) -> None:
+    """Generate a material's shader code and print the files written."""
+    from mrm_nodes.regression.files import prepare_folder, write_text
+    from mrm_nodes.shadergen import generate_shader
+
+    shader = generate_shader(file, target, element)
+    ending = SUFFIXES.get(target, target)
+    stages = {"vertex": shader.vertex, "pixel": shader.pixel}
+    written = {stage: text for stage, text in stages.items() if text}
+    prepare_folder(folder)
+    for stage, text in written.items():
+        path = folder / (
+            f"{shader.name}.{ending}" if len(written) == 1 else f"{shader.name}.{stage}.{ending}"
+        )
+        write_text(path, text)
+        click.echo(path)
+
+
+@cli.command()
+@click.argument("folder", type=Path, metavar="DIR")
+def install(folder: Path) -> None:
+    """Copy the node library, GLSL included, to DIR/mrm, where DIR is a MaterialX `libraries` folder."""
+    from mrm_nodes.library import install as install_library
+
+    files = install_library(folder)
+    click.echo(f"{len(files)} files in {folder / 'mrm'}")
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height from `WxH`.
+
+    Raises:
+        MrmError: anything else, or a side outside 1 to 16384.
+    """
+    width, _, height = text.lower().partition("x")
+    if not (width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
+        raise MrmError(f"size {text}: write width and height as 640x480")
+    if not (1 <= int(width) <= 16384 and 1 <= int(height) <= 16384):
+        raise MrmError(f"size {text}: each side is 1 to 16384 pixels")
+    return int(width), int(height)

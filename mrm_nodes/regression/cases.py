@@ -1,0 +1,225 @@
+"""The default suite: image cases, as data."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from mrm_nodes.regression.material import NODES, Value
+from mrm_nodes.render.scene import (
+    Camera,
+    CameraLight,
+    DirectionalLight,
+    Framing,
+    Light,
+    PointLight,
+    SpotLight,
+)
+
+ALPHAS: tuple[tuple[float, float], ...] = (
+    (0.007, 0.007),
+    (0.05, 0.05),
+    (0.25, 0.25),
+    (0.6, 0.6),
+    (0.3, 0.08),
+)
+WEIGHTS = (0.0, 0.5, 1.0)
+OTHER_PAIRS = (("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity"))
+FIGURE_5 = (0.0, 45.0, 90.0)
+"""Degrees between light and view in Figure 5 of the MRM paper."""
+
+MATERIAL: dict[str, dict[str, Value]] = {
+    "mrm_conductor_bsdf": {},
+    "mrm_dielectric_bsdf": {"ior": 1.7, "tint": (1.0, 0.9, 0.6)},
+    "mrm_generalized_schlick_bsdf": {
+        "color0": (0.85, 0.55, 0.2),
+        "color82": (0.7, 0.9, 1.0),
+        "color90": (1.0, 1.0, 1.0),
+    },
+}
+"""What each node is made of where a case does not say otherwise."""
+
+FRONT = Camera(position=(0.0, 0.0, 3.0), fov=42.0)
+ABOVE = Framing(direction=(0.4, 0.5, 1.0), fov=30.0)
+AROUND: tuple[Light, ...] = (
+    DirectionalLight(direction=(-0.08, -0.05, -1.0), intensity=1.0),
+    DirectionalLight(direction=(-0.9, -0.8, -0.7), color=(0.3, 0.5, 1.0), intensity=2.0),
+)
+"""One light a few degrees from the view, for retro lobes, and one from the side, for forward lobes."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One image to render and compare.
+
+    Cases whose `structure` is equal differ in uniform values only and share one shader.
+    """
+
+    name: str
+    node: str
+    inputs: Mapping[str, Value] = field(default_factory=dict)
+    """Values that differ from the node's defaults."""
+    patterns: Mapping[str, str] = field(default_factory=dict)
+    """By input, the graph of patterns.mtlx that drives it."""
+    base: tuple[float, float, float] | None = None
+    """Colour of a diffuse base under the node, or none."""
+    mesh: str = "sphere"
+    camera: Camera | Framing = FRONT
+    lights: tuple[Light, ...] = AROUND
+    size: tuple[int, int] = (128, 128)
+    """Width and height."""
+    target: str = "glsl"
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """What makes this case's shader another one."""
+        return (self.target, self.node, tuple(sorted(self.patterns.items())), self.base is not None)
+
+
+def default_suite() -> list[Case]:
+    """The image cases that prove the three nodes, each with a name of its own."""
+    return [
+        *_grid(),
+        *_pairs(),
+        *_figure_5(),
+        *_exact_retro(),
+        *_patterns(),
+        *_thin_films(),
+        *_inputs(),
+        *_layers(),
+        *_lights(),
+    ]
+
+
+def _short(node: str) -> str:
+    return {"mrm_generalized_schlick_bsdf": "schlick"}.get(
+        node, node.removeprefix("mrm_").removesuffix("_bsdf")
+    )
+
+
+def _width(alpha: tuple[float, float]) -> str:
+    return f"a{alpha[0]:g}" if alpha[0] == alpha[1] else f"a{alpha[0]:g}x{alpha[1]:g}"
+
+
+def _case(
+    node: str,
+    what: str,
+    inputs: Mapping[str, Value],
+    alpha: tuple[float, float] = (0.25, 0.25),
+    **others: Any,
+) -> Case:
+    values = {**MATERIAL[node], "roughness": alpha, **inputs}
+    return Case(name=f"{_short(node)}-{what}", node=node, inputs=values, **others)
+
+
+def _grid() -> Iterator[Case]:
+    """Every node at every width and weight: GGX with Smith."""
+    for node, alpha, weight in itertools.product(NODES, ALPHAS, WEIGHTS):
+        yield _case(node, f"ggx-smith-{_width(alpha)}-retro{weight:g}", {"retroreflectivity": weight}, alpha)
+
+
+def _pairs() -> Iterator[Case]:
+    """The other pairs of distribution and masking, both lobes at once."""
+    for node, (distribution, masking), alpha in itertools.product(
+        NODES, OTHER_PAIRS, (ALPHAS[1], ALPHAS[2], ALPHAS[4])
+    ):
+        values = {"distribution": distribution, "masking": masking, "retroreflectivity": 0.5}
+        yield _case(node, f"{distribution}-{masking}-{_width(alpha)}-retro0.5", values, alpha)
+
+
+def _figure_5() -> Iterator[Case]:
+    """Figure 5 of the paper: one fixed light, the camera 0, 45 and 90 degrees from it, forward and retro."""
+    light = DirectionalLight(direction=(0.0, -0.3, -1.0), intensity=3.0)
+    _, y, z = (-c for c in light.direction)
+    for weight, degrees in itertools.product((0.0, 1.0), FIGURE_5):
+        turn = math.radians(degrees)
+        # The camera goes round the light in the plane of the light and the x axis.
+        camera = Framing(direction=(math.sin(turn), y * math.cos(turn), z * math.cos(turn)), fov=30.0)
+        yield _case(
+            "mrm_conductor_bsdf",
+            f"figure5-{degrees:g}deg-retro{weight:g}",
+            {"retroreflectivity": weight},
+            mesh="baluster",
+            camera=camera,
+            lights=(light,),
+            size=(192, 192),
+        )
+
+
+def _exact_retro() -> Iterator[Case]:
+    """The light at the camera: the back-vector is the normal at every pixel."""
+    for node, alpha in itertools.product(NODES, (ALPHAS[0], ALPHAS[4])):
+        values = {"retroreflectivity": 1.0}
+        yield _case(node, f"camera-light-{_width(alpha)}-retro1", values, alpha, lights=(CameraLight(),))
+
+
+def _patterns() -> Iterator[Case]:
+    """Inputs that a graph drives from pixel to pixel."""
+    for node in NODES:
+        stripes = {"retroreflectivity": "stripes"}
+        yield _case(node, "stripes-on-retroreflectivity", {}, patterns=stripes, mesh="baluster", camera=ABOVE)
+    conductor, dielectric, schlick = NODES
+    half = {"retroreflectivity": 0.5}
+    yield _case(conductor, "noise-on-retroreflectivity", {}, patterns={"retroreflectivity": "noise"})
+    yield _case(conductor, "wear-on-roughness", half, patterns={"roughness": "wear"})
+    yield _case(dielectric, "checker-on-tint", half, patterns={"tint": "checker"})
+    yield _case(
+        schlick, "checker-on-color0", half, patterns={"color0": "checker", "retroreflectivity": "stripes"}
+    )
+
+
+def _thin_films() -> Iterator[Case]:
+    """A thin film on the facets, seen in both lobes."""
+    for node, thickness in itertools.product(NODES, (150.0, 550.0)):
+        values = {"thinfilm_thickness": thickness, "thinfilm_ior": 1.33, "retroreflectivity": 0.5}
+        yield _case(node, f"film{thickness:g}nm", values, (0.3, 0.3))
+
+
+def _inputs() -> Iterator[Case]:
+    """The inputs that are left: weight, scatter modes, extreme Fresnel colours, values that are clamped."""
+    conductor, dielectric, schlick = NODES
+    half = {"retroreflectivity": 0.5}
+    for node in NODES:
+        yield _case(node, "weight0.3", {**half, "weight": 0.3})
+    for node, mode in itertools.product((dielectric, schlick), ("T", "RT")):
+        yield _case(node, f"scatter-{mode}", {**half, "scatter_mode": mode})
+    yield _case(conductor, "weight0", {"weight": 0.0})
+    yield _case(schlick, "color82-black", {**half, "color82": (0.0, 0.0, 0.0)})
+    yield _case(schlick, "exponent2", {**half, "exponent": 2.0, "color90": (0.2, 0.6, 1.0)})
+    yield _case(dielectric, "ior1.1", {**half, "ior": 1.1})
+    yield _case(conductor, "roughness-above-1", half, (1.5, 1.2))
+
+
+def _layers() -> Iterator[Case]:
+    """The dielectric as a coat over a diffuse base, which sees what the coat lets through."""
+    for weight in WEIGHTS:
+        yield _case(
+            "mrm_dielectric_bsdf",
+            f"over-diffuse-retro{weight:g}",
+            {"retroreflectivity": weight},
+            base=(0.8, 0.2, 0.1),
+        )
+
+
+def _lights() -> Iterator[Case]:
+    """Point and spot lights, several lights, a plane from both sides."""
+    point = PointLight(position=(0.4, 0.5, 2.0), intensity=4.0)
+    spot = SpotLight(
+        position=(0.5, 0.6, 2.5),
+        direction=(-0.5, -0.6, -2.5),
+        intensity=6.0,
+        inner_angle=math.cos(math.radians(8.0)),
+        outer_angle=math.cos(math.radians(18.0)),
+    )
+    half = {"retroreflectivity": 0.5}
+    tilted = Camera(position=(0.3, 1.4, 2.2), fov=45.0)
+    for node in NODES:
+        yield _case(node, "point-light", half, lights=(point,))
+        yield _case(node, "spot-light-on-plane", half, mesh="plane", camera=tilted, lights=(spot,))
+    four = (*AROUND, point, CameraLight(color=(0.2, 0.4, 0.2)))
+    yield _case(NODES[0], "four-lights", half, mesh="baluster", camera=ABOVE, lights=four)
+    behind = Camera(position=(0.3, -1.2, 2.0), fov=45.0)
+    yield _case(NODES[0], "plane-from-behind", half, mesh="plane", camera=behind, lights=AROUND)

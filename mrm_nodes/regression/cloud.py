@@ -1,0 +1,280 @@
+"""The configuration cloud: random inputs and directions, each evaluated by the real generated shader.
+
+Every varying input of the node becomes a vertex attribute, so one draw of points evaluates as many
+configurations as it has points. A draw has one directional light; view, normal and tangent are free for each
+point, through its position, and so is every pair of directions in the shading frame.
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrm_nodes.regression import material
+from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, bounds_for, compare, relative_error
+from mrm_nodes.regression.reference_image import evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.render.scene import Camera, DirectionalLight
+
+Array = NDArray[np.float64]
+
+CHUNK = 1 << 16
+"""Configurations a draw: bounds the memory, and each draw has its own light."""
+DECADES = ((1e-3, 1e-2), (1e-2, 1e-1), (1e-1, 1.0))
+"""Of the smaller alpha; configurations are spread evenly over them."""
+GEOMETRY = ("normal", "tangent")
+
+LOBE, SPHERE, SAME = 0, 1, 2
+"""Where a light comes from: drawn from the lobe, from anywhere, from the viewer's own direction."""
+LIGHT_SHARES = (0.5, 0.4, 0.1)
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """One cloud: a node with one distribution and one masking."""
+
+    node: str
+    distribution: str = "ggx"
+    masking: str = "smith"
+    configurations: int = 250_000
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        return (
+            f"cloud-{self.node.removeprefix('mrm_').removesuffix('_bsdf')}-{self.distribution}-{self.masking}"
+        )
+
+
+@dataclass(frozen=True)
+class CloudResult:
+    """What a cloud showed: the whole, and by decade of alpha."""
+
+    verdict: Verdict
+    figures: Figures
+    bounds: dict[str, float]
+    decades: list[dict[str, Any]]
+    worst: dict[str, Any]
+    """The configuration that used most of its bound, to be looked at on its own."""
+    counts: dict[str, int] = field(default_factory=dict)
+    render_seconds: float = 0.0
+
+
+def random_inputs(node: str, rng: np.random.Generator, n: int) -> dict[str, Array]:
+    """Random values of every varying input of a node, `(n,)`, `(n, 2)` or `(n, 3)`, rounded to float32.
+
+    The smaller alpha is spread evenly over the decades; half of the lobes are anisotropic, a quarter have a
+    thin film, a third each are purely forward and purely retro.
+    """
+    decade = rng.integers(len(DECADES), size=n)
+    low, high = np.log10(DECADES).T
+    alpha = 10 ** rng.uniform(low[decade], high[decade])
+    other = np.where(rng.random(n) < 0.5, alpha, np.minimum(alpha * 10 ** rng.random(n), 1.0))
+    turned = rng.random(n) < 0.5
+    kind = rng.integers(3, size=n)
+    film = rng.random(n) < 0.25
+    ranges = {
+        "tint": (0.0, 1.0),
+        "color0": (0.0, 1.0),
+        "color82": (0.0, 1.0),
+        "color90": (0.0, 1.0),
+        "exponent": (1.0, 8.0),
+        "extinction": (0.5, 6.0),
+        "ior": (0.1, 4.0) if node == "mrm_conductor_bsdf" else (1.1, 3.0),
+    }
+    values: dict[str, Array] = {
+        "weight": np.where(rng.random(n) < 0.5, 1.0, rng.random(n)),
+        "roughness": np.where(turned[:, None], np.stack([other, alpha], -1), np.stack([alpha, other], -1)),
+        "retroreflectivity": np.choose(kind, [np.zeros(n), np.ones(n), rng.random(n)]),
+        "thinfilm_thickness": np.where(film, rng.uniform(50.0, 1000.0, n), 0.0),
+        "thinfilm_ior": rng.uniform(1.1, 2.0, n),
+    }
+    for name, spec in material.inputs_of(node).items():
+        if spec.varying and name in ranges:
+            values[name] = rng.uniform(*ranges[name], size=(n, 3) if spec.type == "color3" else n)
+    return {name: material.as_float32(value) for name, value in values.items()}
+
+
+def random_directions(bsdf: Any, rng: np.random.Generator, n: int) -> tuple[Array, Array, NDArray[np.int64]]:
+    """View and light `(n, 3)` in the shading frame, and where each light comes from.
+
+    The view's cosine is even over (0, 1]; lights lie on both sides of the horizon.
+    """
+    v = _on_sphere(rng, n)
+    v[:, 2] = np.abs(v[:, 2])
+    kind = rng.choice(3, size=n, p=LIGHT_SHARES)
+    drawn = np.asarray(bsdf.sample(v, rng.random((n, 3))).l)
+    drawn = np.where(np.isfinite(drawn).all(-1, keepdims=True), drawn, v)
+    light = np.choose(kind[:, None], [drawn, _on_sphere(rng, n), v])
+    return v, light / np.linalg.norm(light, axis=-1, keepdims=True), kind
+
+
+def place(
+    v: Array, light: Array, to_light: Array, eye: Array, rng: np.random.Generator
+) -> dict[str, NDArray[np.float32]]:
+    """Position, normal and tangent, `(n, 3)` float32, that see viewer and light along `v` and `light`.
+
+    to_light: the direction that the draw's light comes from, `(3,)`. Half of the normals point away from the
+    viewer, and tangents lean out of the surface, as meshes have them.
+    """
+    n = len(v)
+    across = _perpendicular(v - np.sum(v * light, -1, keepdims=True) * light, light, rng)
+    local = np.stack([light, across, np.cross(light, across)], -2)
+    world_light = np.broadcast_to(to_light, (n, 3))
+    around = _perpendicular(np.zeros((n, 3)), world_light, rng)
+    world = np.stack([world_light, around, np.cross(world_light, around)], -1)
+    to_world = world @ local
+
+    distance = 2.0 ** rng.integers(-1, 3, size=(n, 1))
+    view = np.einsum("nij,nj->ni", to_world, v)
+    same = np.all(v == light, axis=-1, keepdims=True)
+    normal, tangent = to_world[:, :, 2], to_world[:, :, 0]
+    tangent = tangent + rng.uniform(-0.5, 0.5, (n, 1)) * normal
+    normal = np.where(rng.random((n, 1)) < 0.5, normal, -normal)
+    position = eye - distance * np.where(same, to_light, view)
+    placed = {"position": position, "normal": normal, "tangent": tangent}
+    return {name: value.astype(np.float32) for name, value in placed.items()}
+
+
+def run_cloud(cloud: Cloud, renderer: Any, shader: Any) -> CloudResult:
+    """Evaluate a cloud with the node's shader and with the evaluator, and compare.
+
+    shader: of `material.document(node, attributes=attributes_of(node))`; renderer: a `Renderer`.
+    """
+    parts = list(_chunks(cloud, renderer, shader))
+    render_seconds = sum(float(part.pop("render_seconds")[0]) for part in parts)
+    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return replace(_judge(joined), render_seconds=render_seconds)
+
+
+def attributes_of(node: str) -> tuple[str, ...]:
+    """The inputs of a node that a cloud varies from point to point."""
+    return tuple(
+        name for name, spec in material.inputs_of(node).items() if spec.varying and name not in GEOMETRY
+    )
+
+
+def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, Array]]:
+    rng = np.random.default_rng([cloud.seed, zlib.crc32(cloud.name.encode())])
+    fixed = material.complete(cloud.node, {"distribution": cloud.distribution, "masking": cloud.masking})
+    uniforms = {"distribution": cloud.distribution, "masking": cloud.masking}
+    for start in range(0, cloud.configurations, CHUNK):
+        n = min(CHUNK, cloud.configurations - start)
+        inputs = random_inputs(cloud.node, rng, n)
+        values: Mapping[str, Any] = {**fixed, **inputs}
+        bsdf = evaluator(cloud.node, values)
+        v, light, kind = random_directions(bsdf, rng, n)
+        to_light = material.as_float32(_on_sphere(rng, 1)[0])
+        eye = material.as_float32(rng.uniform(-1, 1, 3) * rng.integers(2))
+        lamp = DirectionalLight(direction=tuple(-to_light), color=(1.0, 1.0, 1.0), intensity=1.0)
+        start_of_draw = time.perf_counter()
+        drawn = renderer.draw_points(
+            shader,
+            {
+                **place(v, light, to_light, eye, rng),
+                **{name: inputs[name] for name in attributes_of(cloud.node)},
+            },
+            camera_position=tuple(eye),
+            lights=[lamp],
+            uniforms=material.uniform_values(cloud.node, uniforms),
+        )
+        render_seconds = time.perf_counter() - start_of_draw
+        lights = [lamp.data(Camera(position=tuple(eye), target=tuple(eye + 1.0)))]
+        view, frame = shading_frame(drawn["position"], drawn["normal"], drawn["tangent"], eye)
+        reference = shade(bsdf, inputs["weight"], view, frame, drawn["position"], lights)
+        film = inputs["thinfilm_thickness"] > 0
+        film_lobe = np.zeros_like(reference)
+        if film.any():
+            white = shade(white_evaluator(values), inputs["weight"], view, frame, drawn["position"], lights)
+            film_lobe = np.where(film[:, None], white, 0.0)
+        alpha = np.min(inputs["roughness"], axis=-1)
+        bounds = bounds_for(alpha, cloud.distribution, film_lobe, reference)
+        yield {
+            "render_seconds": np.array([render_seconds]),
+            "alpha": alpha,
+            "film": film,
+            "kind": kind,
+            "image": drawn["image"],
+            "reference": reference,
+            "max_bound": np.broadcast_to(bounds.max_rel, reference.shape).astype(np.float32),
+            "p999_bound": np.broadcast_to(bounds.p999_rel, reference.shape).astype(np.float32),
+            "inputs": np.concatenate([value.reshape(n, -1) for value in inputs.values()], -1).astype(
+                np.float32
+            ),
+            "view": np.einsum("nij,nj->ni", frame, view),
+            "light": np.einsum("nij,j->ni", frame, to_light),
+        }
+
+
+def _judge(points: dict[str, Array]) -> CloudResult:
+    """The verdict over all points, figures by decade of alpha with and without film, and the worst point."""
+    bounds = Bounds(points["max_bound"], points["p999_bound"])
+    verdict, figures = compare(points["image"], points["reference"], bounds)
+    error = relative_error(points["image"], points["reference"])
+    used = np.maximum(error / points["max_bound"], 0)
+    used[~np.isfinite(used)] = np.inf
+    worst = int(np.argmax(used.max(-1)))
+    return CloudResult(
+        verdict=verdict,
+        figures=figures,
+        bounds=bounds.loosest(),
+        decades=list(_by_decade(points, error)),
+        worst={
+            "used": float(used[worst].max()),
+            "inputs": [float(x) for x in points["inputs"][worst]],
+            "view": [float(x) for x in points["view"][worst]],
+            "light": [float(x) for x in points["light"][worst]],
+            "image": [float(x) for x in points["image"][worst]],
+            "reference": [float(x) for x in points["reference"][worst]],
+        },
+        counts={
+            "lobe": int(np.sum(points["kind"] == LOBE)),
+            "sphere": int(np.sum(points["kind"] == SPHERE)),
+            "same": int(np.sum(points["kind"] == SAME)),
+            "below_horizon": int(np.sum(points["light"][:, 2] <= 0)),
+            "above_floor": int(np.sum((points["reference"] > FLOOR).any(-1))),
+        },
+    )
+
+
+def _by_decade(points: dict[str, Array], error: Array) -> Iterator[dict[str, Any]]:
+    for low, high in DECADES:
+        for film in (False, True):
+            inside = (points["alpha"] >= low) & (points["alpha"] < high) & (points["film"] == film)
+            if not inside.any():
+                continue
+            values = error[inside]
+            yield {
+                "alpha": [low, high],
+                "film": film,
+                "configurations": int(inside.sum()),
+                "max_rel": float(values.max()),
+                "p999_rel": float(np.quantile(values, 0.999, method="higher")),
+                "max_used": float((values / points["max_bound"][inside]).max()),
+                "p999_used": float(
+                    np.quantile(values / points["p999_bound"][inside], 0.999, method="higher")
+                ),
+            }
+
+
+def _on_sphere(rng: np.random.Generator, n: int) -> Array:
+    z = rng.uniform(-1, 1, n)
+    phi = rng.uniform(0, 2 * np.pi, n)
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(phi), radius * np.sin(phi), z], -1)
+
+
+def _perpendicular(wanted: Array, axis: Array, rng: np.random.Generator) -> Array:
+    """Unit vectors perpendicular to `axis`: along `wanted` where that is one, else any."""
+    other = rng.normal(size=axis.shape)
+    other -= np.sum(other * axis, -1, keepdims=True) * axis
+    chosen = np.where(np.linalg.norm(wanted, axis=-1, keepdims=True) > 1e-9, wanted, other)
+    # Once more, for what rounding left of the axis in a short vector.
+    chosen = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
+    chosen = chosen - np.sum(chosen * axis, -1, keepdims=True) * axis
+    return chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)

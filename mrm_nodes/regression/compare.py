@@ -1,0 +1,143 @@
+"""An image against its reference: figures, bounds, verdict.
+
+The relative error of a channel is `|image - reference| / max(|reference|, 1e-4)`. Bounds are relative too,
+and scale with 1/alpha: a lobe of width alpha magnifies float32's rounding of a direction by that much.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mrm_nodes.errors import MrmError
+
+Verdict = Literal["pass", "fail", "undecided", "error", "skipped"]
+VERDICTS: tuple[Verdict, ...] = ("fail", "error", "undecided", "skipped", "pass")
+
+FLOOR = 1e-4
+"""Below this reference value an error counts as absolute, in units of this value."""
+
+FILM_MAX = 3e-4
+FILM_P999 = 1e-5
+"""Allowed error of the thin film's Fresnel factor: its sum cancels in float32."""
+
+OTHER_DISTRIBUTIONS = 5.0
+"""Beckmann and Phong are exponentials: their bounds are this many times GGX's."""
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What an error may be: at most `max_rel` anywhere, and `p999_rel` for 99.9 % of the values.
+
+    Scalars, or arrays `(n, 1)` or `(n, 3)` where the bound differs from point to point.
+    """
+
+    max_rel: NDArray[np.float64]
+    p999_rel: NDArray[np.float64]
+
+    def loosest(self) -> dict[str, float]:
+        """The largest of each, as the report gives them."""
+        return {"max_rel": float(np.max(self.max_rel)), "p999_rel": float(np.max(self.p999_rel))}
+
+
+@dataclass(frozen=True)
+class Figures:
+    """How far an image is from its reference."""
+
+    max_abs: float
+    max_rel: float
+    p999_rel: float
+    rmse: float
+    used: float
+    """Share of the bounds that was used up: 1 is the limit."""
+    pixels: int
+    lit: int
+    """Pixels whose reference is above zero."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """The figures for JSON; a value that is not finite becomes null."""
+        return {name: finite_or_none(value) for name, value in vars(self).items()}
+
+
+def finite_or_none(value: float) -> float | None:
+    """JSON has no NaN and no infinity."""
+    return value if np.isfinite(value) else None
+
+
+def bounds_for(
+    alpha: ArrayLike,
+    distribution: ArrayLike = "ggx",
+    film_lobe: ArrayLike | None = None,
+    reference: ArrayLike | None = None,
+) -> Bounds:
+    """The bounds that design.md's table gives.
+
+    Args:
+        alpha: the smaller roughness, `(n,)` or a scalar.
+        distribution: its name.
+        film_lobe: the response `(n, 3)` that a Fresnel factor of 1 would have where a thin film is, else 0;
+            turns the film's bound, which is on the Fresnel factor, into one on the image `reference`.
+        reference: `(n, 3)`, needed with `film_lobe`.
+    """
+    alpha = np.asarray(alpha, float)[..., None]
+    factor = np.where(np.asarray(distribution)[..., None] == "ggx", 1.0, OTHER_DISTRIBUTIONS)
+    max_rel = factor * np.maximum(5e-6 / alpha, 2e-5)
+    p999_rel = factor * np.maximum(2e-6 / alpha, 5e-6)
+    if film_lobe is not None:
+        if reference is None:
+            raise ValueError("a thin film's bound needs the reference")
+        per_fresnel = np.asarray(film_lobe, float) / np.maximum(np.abs(np.asarray(reference, float)), FLOOR)
+        max_rel = max_rel + FILM_MAX * per_fresnel
+        p999_rel = p999_rel + FILM_P999 * per_fresnel
+    return Bounds(max_rel, p999_rel)
+
+
+def relative_error(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
+    """`|image - reference| / max(|reference|, 1e-4)` in float64, shape of the images."""
+    reference = np.asarray(reference, np.float64)
+    with np.errstate(invalid="ignore"):
+        error: NDArray[np.float64] = np.abs(np.asarray(image, np.float64) - reference) / np.maximum(
+            np.abs(reference), FLOOR
+        )
+    return error
+
+
+def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Verdict, Figures]:
+    """Verdict and figures of the points of an image against their reference.
+
+    image, reference: `(n, 3)`, the points that count. A value of the image that is not finite fails.
+
+    Raises:
+        MrmError: nothing can be said: no points, or a reference that is not finite.
+    """
+    image = np.asarray(image, np.float64)
+    reference = np.asarray(reference, np.float64)
+    if image.shape != reference.shape:
+        raise MrmError(f"image {image.shape} and reference {reference.shape} differ in shape")
+    if image.size == 0:
+        raise MrmError("no pixel shows the mesh: nothing to compare (look at the case's camera and mesh)")
+    bad = np.argwhere(~np.isfinite(reference).all(axis=-1))
+    if len(bad):
+        raise MrmError(
+            f"the reference is not finite at {len(bad)} of {len(reference)} points, first at {bad[0][0]}"
+        )
+
+    error = relative_error(image, reference)
+    error[~np.isfinite(error)] = np.inf
+    used = max(np.max(error / bounds.max_rel), _quantile(error / bounds.p999_rel, 0.999))
+    figures = Figures(
+        max_abs=float(np.max(np.abs(image - reference))),
+        max_rel=float(np.max(error)),
+        p999_rel=_quantile(error, 0.999),
+        rmse=float(np.sqrt(np.mean((image - reference) ** 2))),
+        used=float(used),
+        pixels=len(image),
+        lit=int((reference > 0).any(axis=-1).sum()),
+    )
+    return ("pass" if used <= 1 else "fail"), figures
+
+
+def _quantile(values: NDArray[np.float64], share: float) -> float:
+    """The value at `share` of the sorted values, which may be infinite."""
+    return float(np.quantile(values, share, method="higher"))

@@ -1,0 +1,140 @@
+"""The reference image: the evaluator applied to the very points that the renderer shaded.
+
+Everything starts from the float32 values that the renderer wrote or was given, and goes on in float64.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mrm_nodes import reference as ref
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.material import as_float32
+
+Array = NDArray[np.float64]
+LightData = Mapping[str, Any]
+
+DIRECTIONAL, POINT, SPOT = 1, 2, 3
+"""`LightData.type`, as shader generation numbers MaterialX's light nodes."""
+
+ENERGY_COMPENSATION = "materialx-1.39.5"
+SMALLEST_ALPHA = 1e-8
+"""Up to which MaterialX raises a roughness; the largest is 1."""
+
+
+def evaluator(node: str, values: Mapping[str, Any]) -> Any:
+    """The evaluator's BSDF for a node and its inputs (scalars, or arrays `(n,)` and `(n, 3)`).
+
+    `weight` and the geometric inputs are not part of it.
+    """
+    common: dict[str, Any] = {
+        "alpha": np.clip(as_float32(values["roughness"]), SMALLEST_ALPHA, 1.0),
+        "retroreflectivity": np.clip(as_float32(values["retroreflectivity"]), 0.0, 1.0),
+        "distribution": values["distribution"],
+        "masking": values["masking"],
+        "energy_compensation": ENERGY_COMPENSATION,
+        "thinfilm_thickness": as_float32(values["thinfilm_thickness"]),
+        "thinfilm_ior": as_float32(values["thinfilm_ior"]),
+    }
+    if node == "mrm_conductor_bsdf":
+        return ref.Conductor(as_float32(values["ior"]), as_float32(values["extinction"]), **common)
+    if node == "mrm_dielectric_bsdf":
+        tint = np.maximum(as_float32(values["tint"]), 0.0)
+        return ref.Dielectric(
+            as_float32(values["ior"]), tint=tint, scatter_mode=values["scatter_mode"], **common
+        )
+    if node == "mrm_generalized_schlick_bsdf":
+        colors = {
+            name: np.maximum(as_float32(values[name]), 0.0) for name in ("color0", "color82", "color90")
+        }
+        return ref.GeneralizedSchlick(
+            **colors, exponent=as_float32(values["exponent"]), scatter_mode=values["scatter_mode"], **common
+        )
+    raise MrmError(f"the evaluator has no {node}")
+
+
+def white_evaluator(values: Mapping[str, Any]) -> Any:
+    """The lobe of `values` with a Fresnel factor of 1 and no film: a Fresnel error's factor."""
+    white = {"color0": 1.0, "color82": 1.0, "color90": 1.0, "exponent": 5.0, "scatter_mode": "R"}
+    return evaluator("mrm_generalized_schlick_bsdf", {**values, **white, "thinfilm_thickness": 0.0})
+
+
+def shading_frame(
+    position: ArrayLike, normal: ArrayLike, tangent: ArrayLike, eye: ArrayLike
+) -> tuple[Array, Array]:
+    """View direction `(n, 3)` and frame `(n, 3, 3)` (rows: tangent, bitangent, normal), all in world space.
+
+    The normal is turned to the viewer, as MaterialX's `mx_forward_facing_normal` does, and the tangent made
+    perpendicular to it.
+    """
+    view = _unit(as_float32(eye) - np.asarray(position, np.float64))
+    z = _unit(np.asarray(normal, np.float64))
+    z = np.where(_dot(z, view) < 0, -z, z)
+    x = np.asarray(tangent, np.float64)
+    x = _unit(x - _dot(x, z) * z)
+    return view, np.stack([x, np.cross(z, x), z], axis=-2)
+
+
+def light_at(light: LightData, position: ArrayLike) -> tuple[Array, Array]:
+    """Direction to the light and its intensity, each `(n, 3)`, at points `(n, 3)`: MaterialX's nodes.
+
+    light: the members of MaterialX's `LightData`, as a light's `data(camera)` gives them.
+    """
+    position = np.asarray(position, np.float64)
+    given = {name: as_float32(value) for name, value in light.items()}
+    emitted = given["color"] * given["intensity"]
+    if light["type"] == DIRECTIONAL:
+        return np.broadcast_to(-given["direction"], position.shape), np.broadcast_to(emitted, position.shape)
+    away = given["position"] - position
+    distance = np.linalg.norm(away, axis=-1, keepdims=True)
+    direction = away / distance
+    intensity = emitted / (distance + 1.0) ** given["decay_rate"]
+    if light["type"] == SPOT:
+        cosine = _dot(direction, -given["direction"])
+        low = np.minimum(given["inner_angle"], given["outer_angle"])
+        intensity = intensity * _smoothstep(low, given["inner_angle"], cosine)
+    elif light["type"] != POINT:
+        raise MrmError(f"the reference knows no light of type {light['type']}")
+    return direction, intensity
+
+
+def shade(
+    bsdf: Any, weight: ArrayLike, view: Array, frame: Array, position: ArrayLike, lights: Sequence[LightData]
+) -> Array:
+    """Radiance `(n, 3)` towards the viewer: the sum over lights of intensity, BSDF, cosine and weight.
+
+    A light below the shading horizon gives exactly nothing. weight: `(n,)` or a scalar.
+    """
+    total = np.zeros(view.shape)
+    v = _to_frame(frame, view)
+    for light in lights:
+        direction, intensity = light_at(light, position)
+        l = _to_frame(frame, direction)  # noqa: E741  the field's own name
+        above = l[..., 2:] > 0
+        total += np.where(above, bsdf.eval(v, _unit(l)) * intensity * l[..., 2:], 0.0)
+    return total * np.asarray(as_float32(weight))[..., None]
+
+
+def base_under(*_: Any) -> Array:
+    raise MrmError("layers are not known to the evaluator yet")
+
+
+def _to_frame(frame: Array, direction: Array) -> Array:
+    return np.einsum("nij,nj->ni", frame, direction)
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.sum(a * b, axis=-1, keepdims=True)
+
+
+def _smoothstep(low: Array, high: Array, x: Array) -> Array:
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)

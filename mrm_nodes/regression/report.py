@@ -1,0 +1,143 @@
+"""The report of a run: report.json for machines, index.html for people."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jinja2
+
+from mrm_nodes.regression.compare import FLOOR, VERDICTS
+from mrm_nodes.regression.files import write_text
+from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
+from mrm_nodes.regression.worker import STAGES, Outcome
+
+TEMPLATES = Path(__file__).with_name("templates")
+
+
+def as_record(outcome: Outcome) -> dict[str, Any]:
+    """An outcome as report.json has it."""
+    figures = (
+        outcome.figures.as_dict()
+        if outcome.figures
+        else dict.fromkeys(("max_abs", "max_rel", "p999_rel", "rmse"))
+    )
+    return {
+        "name": outcome.name,
+        "kind": outcome.kind,
+        "node": outcome.node,
+        "target": outcome.target,
+        "backend": outcome.backend,
+        "verdict": outcome.verdict,
+        "passed": outcome.verdict == "pass",
+        **figures,
+        "tolerance": dict(outcome.tolerance),
+        "seconds": dict(outcome.seconds),
+        "message": outcome.message,
+        "setup": dict(outcome.setup),
+        "files": dict(outcome.files),
+        "details": dict(outcome.details),
+    }
+
+
+def summarise(outcomes: Iterable[Outcome], seconds: float) -> dict[str, Any]:
+    """The counts of each verdict, and the seconds of the whole run."""
+    counts = Counter(outcome.verdict for outcome in outcomes)
+    return {
+        "total": sum(counts.values()),
+        "passed": counts["pass"],
+        "failed": counts["fail"],
+        "undecided": counts["undecided"],
+        "errors": counts["error"],
+        "skipped": counts["skipped"],
+        "seconds": seconds,
+    }
+
+
+def worst_first(outcomes: Iterable[Outcome]) -> list[Outcome]:
+    """By verdict, the gravest first, then by the share of the bound that was used."""
+    return sorted(
+        outcomes,
+        key=lambda each: (
+            VERDICTS.index(each.verdict),
+            -(each.figures.used if each.figures else 0.0),
+            each.name,
+            each.backend,
+        ),
+    )
+
+
+def write_report(
+    folder: Path, environment: Mapping[str, Any], outcomes: Sequence[Outcome], seconds: float
+) -> dict[str, Any]:
+    """Write report.json and index.html into a folder and return what report.json holds.
+
+    Each file appears complete or not at all. Raises MrmError where the folder cannot be written.
+    """
+    ordered = worst_first(outcomes)
+    report = {
+        "environment": dict(environment),
+        "cases": [_finite(as_record(outcome)) for outcome in ordered],
+        "summary": summarise(ordered, seconds),
+    }
+    write_text(folder / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
+    write_text(folder / "index.html", page(report))
+    return report
+
+
+def page(report: Mapping[str, Any]) -> str:
+    """The page of a report as report.json has it."""
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+    )
+    environment.filters |= {"figure": figure, "share": share, "seconds": show_seconds}
+    cases = report["cases"]
+    return environment.get_template("index.html.j2").render(
+        report=report,
+        images=[case for case in cases if case["kind"] == "image" and case["verdict"] != "skipped"],
+        clouds=[case for case in cases if case["kind"] == "cloud" and case["verdict"] != "skipped"],
+        skipped=[case for case in cases if case["verdict"] == "skipped"],
+        stages={stage: sum(case["seconds"][stage] for case in cases) for stage in STAGES},
+        heat={"stops": HEAT_STOPS, "over": HEAT_OVER, "decades": HEAT_DECADES},
+        floor=FLOOR,
+    )
+
+
+def figure(value: float | None) -> str:
+    """A measured number with two digits: 3.2e-06 as 3.2e-6."""
+    if value is None:
+        return "not finite"
+    if value == 0:
+        return "0"
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def share(value: float | None) -> str:
+    """A share of a bound in percent."""
+    if value is None:
+        return "not finite"
+    return f"{100 * value:.0f} %" if value >= 0.0095 else f"{100 * value:.1g} %"
+
+
+def show_seconds(value: float) -> str:
+    """A time that a person reads."""
+    return f"{value:.1f} s" if value >= 1 else f"{1000 * value:.0f} ms"
+
+
+def _finite(value: Any) -> Any:
+    """JSON without NaN and infinity: they become null."""
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    if isinstance(value, dict):
+        return {name: _finite(each) for name, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return value

@@ -1,0 +1,52 @@
+"""What a run consists of: the suites by name, and the choice of some of their tasks."""
+
+from __future__ import annotations
+
+import fnmatch
+import itertools
+from collections.abc import Sequence
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.cases import default_suite
+from mrm_nodes.regression.cloud import Cloud
+from mrm_nodes.regression.material import NODES
+from mrm_nodes.regression.worker import Task
+
+CLOUD_PAIRS = tuple(itertools.product(("ggx", "beckmann"), ("smith", "vcavity")))
+CONFIGURATIONS = 1_000_000
+"""Random configurations of each node in the default suite."""
+
+
+def clouds(configurations: int = CONFIGURATIONS) -> list[Cloud]:
+    """The clouds of every node, its configurations spread over the pairs of distribution and masking."""
+    if configurations <= 0:
+        return []
+    each = -(-configurations // len(CLOUD_PAIRS))
+    return [Cloud(node, *pair, configurations=each) for node in NODES for pair in CLOUD_PAIRS]
+
+
+def suite(name: str = "default", configurations: int = CONFIGURATIONS) -> list[Task]:
+    """The tasks of a suite, the longest first.
+
+    Raises:
+        MrmError: no such suite.
+    """
+    if name != "default":
+        raise MrmError(f"unknown suite {name}; there is one: default")
+    return [*clouds(configurations), *default_suite()]
+
+
+def choose(tasks: Sequence[Task], expression: str | None) -> list[Task]:
+    """The tasks whose name matches: a pattern with * ? [ ], or a part of the name.
+
+    Raises:
+        MrmError: none matches.
+    """
+    if expression is None:
+        return list(tasks)
+    pattern = expression if any(c in expression for c in "*?[") else f"*{expression}*"
+    chosen = [task for task in tasks if fnmatch.fnmatchcase(task.name, pattern)]
+    if not chosen:
+        examples = ", ".join(task.name for task in tasks[:: max(1, len(tasks) // 4)][:4])
+        raise MrmError(f"no case matches {expression}; names are like {examples}")
+    return chosen

@@ -1,0 +1,176 @@
+"""How a formula becomes machine code, and how arrays are handed to it.
+
+Three things live here: `formula`, the decorator of every scalar equation; `Kernel`, a loop over arrays that is
+compiled on its first call and kept in numba's cache; and `run`, which flattens broadcast arrays without copying
+them, cuts the work into ranges and spreads the ranges over threads.
+"""
+
+import hashlib
+import math
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+from numba.core.caching import FunctionCache
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+# Division follows IEEE 754: numba's default would put a branch before each one, and no loop would vectorise.
+formula = numba.njit(error_model="numpy")
+
+INPUT = types.Array(types.float64, 2, "A", readonly=True)
+OUTPUT = types.Array(types.float64, 2, "C")
+MODES = types.Array(types.int64, 1, "C")
+
+# Ranges handed to a thread: long enough to hide Python, short enough to balance the load.
+RANGE = 1 << 14
+# Elements copied at a time where an input cannot be viewed as (n, components).
+CHUNK = 1 << 18
+
+
+@lru_cache(maxsize=1)
+def _source_stamp() -> str:
+    """A digest of this package's sources.
+
+    Numba only watches the file that a kernel is written in; the formulas are in the others.
+    """
+    digest = hashlib.sha256(numba.__version__.encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+class _StampedCache(FunctionCache):  # type: ignore[misc]
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return (*super()._index_key(sig, codegen), _source_stamp())
+
+
+class Kernel:
+    """A function of (start, stop, inputs, modes, outputs) that is compiled for one signature, on its first call.
+
+    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because inputs
+    are typed as arrays of any stride.
+    """
+
+    def __init__(self, function: Callable[..., int], inputs: int, outputs: int) -> None:
+        self._function = function
+        self._signature = types.int64(
+            types.int64,
+            types.int64,
+            types.UniTuple(INPUT, inputs),
+            MODES,
+            types.UniTuple(OUTPUT, outputs),
+        )
+        self._compiled: Any = None
+        self._lock = threading.Lock()
+
+    def __call__(self, start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+        if self._compiled is None:
+            with self._lock:
+                if self._compiled is None:
+                    dispatcher = numba.njit(error_model="numpy", nogil=True)(self._function)
+                    dispatcher._cache = _StampedCache(self._function)
+                    dispatcher.compile(self._signature)
+                    dispatcher.disable_compile()
+                    self._compiled = dispatcher
+        return int(self._compiled(start, stop, inputs, modes, outputs))
+
+
+@lru_cache(maxsize=1)
+def _pool(process: int) -> ThreadPoolExecutor:
+    # The process id is the key: threads do not survive a fork.
+    return ThreadPoolExecutor(max_workers=numba.config.NUMBA_NUM_THREADS, thread_name_prefix="mrm-reference")
+
+
+_threads: int | None = None
+
+
+def thread_count() -> int:
+    """Threads that a call may use: `NUMBA_NUM_THREADS` or the cores of the machine, unless `set_thread_count` says less."""
+    return int(numba.config.NUMBA_NUM_THREADS) if _threads is None else _threads
+
+
+def set_thread_count(count: int | None) -> None:
+    """Limit the threads of later calls; None goes back to `NUMBA_NUM_THREADS`."""
+    global _threads
+    _threads = count
+
+
+def _launch(kernel: Kernel, count: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    threads = thread_count()
+    if count <= RANGE or threads == 1:
+        return kernel(0, count, inputs, modes, outputs)
+    # Compile before the threads start, or each would wait for the first.
+    rejected = kernel(0, RANGE, inputs, modes, outputs)
+    starts = range(RANGE, count, RANGE)
+    shares = [starts[k::threads] for k in range(threads)]
+
+    def work(share: range) -> int:
+        return sum(kernel(start, min(start + RANGE, count), inputs, modes, outputs) for start in share)
+
+    return rejected + sum(_pool(os.getpid()).map(work, shares))
+
+
+def _collapsible(array: Array) -> bool:
+    """Whether all axes but the last can be viewed as one."""
+    axes = [
+        (size, stride)
+        for size, stride in zip(array.shape[:-1], array.strides[:-1], strict=True)
+        if size > 1
+    ]
+    return all(a[1] == b[0] * b[1] for a, b in zip(axes, axes[1:], strict=False))
+
+
+def _flatten(array: Array) -> Array:
+    if array.ndim == 2:
+        return array
+    flat = array.reshape(-1, array.shape[-1])
+    return flat
+
+
+def run(
+    kernel: Kernel,
+    inputs: Sequence[Array],
+    modes: Sequence[int],
+    components: Sequence[int],
+    tables: Sequence[Array] = (),
+) -> tuple[list[Array], int]:
+    """Run a kernel over arrays whose leading axes broadcast together.
+
+    Every input has shape `(..., c)`, c its own number of components; the outputs have the broadcast leading shape
+    and the given numbers of components. Inputs are not copied unless broadcasting makes a view impossible, and then
+    a chunk at a time. `tables` follow the inputs as they are. The second result is the sum of what the kernel returned.
+    """
+    shape = np.broadcast_shapes(*(array.shape[:-1] for array in inputs))
+    outputs = [np.empty((*shape, c)) for c in components]
+    flags = np.asarray(modes, dtype=np.int64)
+    if math.prod(shape) == 0:
+        return outputs, 0
+    views = [np.broadcast_to(array, (*shape, array.shape[-1])) for array in inputs]
+    return outputs, _run_views(kernel, views, flags, outputs, tuple(tables))
+
+
+def _run_views(
+    kernel: Kernel, views: list[Array], modes: Any, outputs: list[Array], tables: tuple[Array, ...]
+) -> int:
+    shape = outputs[0].shape[:-1]
+    count = math.prod(shape)
+    if count > CHUNK and not all(_collapsible(view) for view in views):
+        step = max(1, CHUNK * shape[0] // count)
+        return sum(
+            _run_views(kernel, [v[k : k + step] for v in views], modes, [o[k : k + step] for o in outputs], tables)
+            if step > 1 or len(shape) == 1
+            else _run_views(kernel, [v[k] for v in views], modes, [o[k] for o in outputs], tables)
+            for k in range(0, shape[0], step)
+        )
+    flat = tuple(_flatten(view) for view in views) + tables
+    out = tuple(output.reshape(count, output.shape[-1]) for output in outputs)
+    return _launch(kernel, count, flat, modes, out)

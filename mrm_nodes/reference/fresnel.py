@@ -1,0 +1,172 @@
+"""Fresnel reflectance: dielectric, conductor, and generalised Schlick with the 82-degree tint.
+
+The scalar formulas are compiled; the public functions below them take and return arrays.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .compiled import Array, formula
+
+DIELECTRIC = 0
+CONDUCTOR = 1
+SCHLICK = 2
+
+
+@formula
+def dielectric_reflectance(cosine: float, eta: float) -> float:
+    """Unpolarised reflectance of a dielectric, `eta` = far / near (article 003, "Fresnel's Law").
+
+    Snell gives the refracted cosine times eta: g = sqrt(eta² - 1 + cosine²); no real g is total internal reflection.
+    """
+    g_squared = eta * eta - 1.0 + cosine * cosine
+    g = math.sqrt(max(g_squared, 0.0))
+    perpendicular = (cosine - g) / (cosine + g)
+    parallel = (eta * eta * cosine - g) / (eta * eta * cosine + g)
+    reflectance = 0.5 * (perpendicular * perpendicular + parallel * parallel)
+    return 1.0 if g_squared <= 0.0 else reflectance
+
+
+@formula
+def dielectric_transmittance(near: float, near_index: float, far: float, far_index: float) -> float:
+    """1 - reflectance from both cosines, so that it is the same number from either side (001 eq. 11).
+
+    1 - r² = 4ab / (a + b)² for each polarisation, with the same product ab.
+    """
+    perpendicular = near_index * near + far_index * far
+    parallel = far_index * near + near_index * far
+    product = 2.0 * near * near_index * far * far_index
+    return product * (1.0 / (perpendicular * perpendicular) + 1.0 / (parallel * parallel))
+
+
+@formula
+def conductor_reflectance(cosine: float, n: float, k: float) -> float:
+    """Unpolarised reflectance of a conductor with index n + ik relative to the near medium.
+
+    With a + ib = sqrt((n + ik)² - sin²), Rs = |c - (a+ib)|² / |c + (a+ib)|² and Rp = Rs · |a+ib - s²/c|² / |a+ib + s²/c|²
+    (Born and Wolf, Principles of Optics, section 14.2).
+    """
+    c2 = cosine * cosine
+    s2 = 1.0 - c2
+    t0 = n * n - k * k - s2
+    modulus = math.sqrt(t0 * t0 + 4.0 * n * n * k * k)
+    twice_a = math.sqrt(max(2.0 * (modulus + t0), 0.0))
+    sum_s = modulus + c2
+    cross_s = twice_a * cosine
+    rs = (sum_s - cross_s) / (sum_s + cross_s)
+    sum_p = c2 * modulus + s2 * s2
+    cross_p = cross_s * s2
+    rp = rs * (sum_p - cross_p) / (sum_p + cross_p)
+    return 0.5 * (rs + rp)
+
+
+# The 82-degree tint acts where cos = 1/7, and is scaled to reach F82 there.
+COS_82 = 1.0 / 7.0
+TINT_SCALE = 1.0 / (COS_82 * (1.0 - COS_82) ** 6)
+
+
+@formula
+def schlick_reflectance(cosine: float, f0: float, f82: float, f90: float, exponent: float) -> float:
+    """Generalised Schlick with the 82-degree tint (Hoffman 2023, "Generalization of Adobe's Fresnel Model").
+
+    Clamped to [0, 1]: with f82 = 0 the formula is a little negative just past cos = 1/7.
+    """
+    away = 1.0 - min(max(cosine, 0.0), 1.0)
+    base = f0 + (f90 - f0) * away**exponent
+    at_82 = f0 + (f90 - f0) * (1.0 - COS_82) ** exponent
+    tint = at_82 * (1.0 - f82) * TINT_SCALE
+    squared = away * away
+    return min(max(base - tint * (1.0 - away) * squared * squared * squared, 0.0), 1.0)
+
+
+@formula
+def schlick_reflectance_5(cosine: float, f0: float, f82: float, f90: float) -> float:
+    """`schlick_reflectance` with the usual exponent, 5, in multiplications."""
+    away = 1.0 - min(max(cosine, 0.0), 1.0)
+    squared = away * away
+    fifth = squared * squared * away
+    base = f0 + (f90 - f0) * fifth
+    at_82 = f0 + (f90 - f0) * (1.0 - COS_82) ** 5
+    tint = at_82 * (1.0 - f82) * TINT_SCALE
+    return min(max(base - tint * (1.0 - away) * fifth * away, 0.0), 1.0)
+
+
+@formula
+def index_from_f0(f0: float) -> float:
+    """The index of refraction that a Schlick lobe refracts with, as MaterialX derives it: f0 kept to [0.01, 0.99]."""
+    root = math.sqrt(min(max(f0, 0.01), 0.99))
+    return (1.0 + root) / (1.0 - root)
+
+
+def _cosine(cos_theta: ArrayLike) -> Array:
+    cosine = np.asarray(cos_theta, dtype=np.float64)
+    if not np.all((cosine >= 0.0) & (cosine <= 1.0)):
+        bad = cosine[~((cosine >= 0.0) & (cosine <= 1.0))].flat[0]
+        raise ValueError(f"cos_theta must be in [0, 1], not {bad}")
+    return cosine
+
+
+def _positive(name: str, value: ArrayLike) -> Array:
+    array = np.asarray(value, dtype=np.float64)
+    if not np.all((array > 0.0) & np.isfinite(array)):
+        bad = array[~((array > 0.0) & np.isfinite(array))].flat[0]
+        raise ValueError(f"{name} must be positive and finite, not {bad}")
+    return array
+
+
+def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
+    """Unpolarised Fresnel reflectance of a dielectric, with total internal reflection.
+
+    `cos_theta` in [0, 1] and `eta` = far / near index broadcast; so does the result. `ValueError` outside.
+    Source: Mally, The Microfacet BRDF Model, "Fresnel's Law".
+    """
+    c, eta_array = np.broadcast_arrays(_cosine(cos_theta), _positive("eta", eta))
+    g_squared = eta_array**2 - 1.0 + c**2
+    g = np.sqrt(np.maximum(g_squared, 0.0))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        rs = (c - g) / (c + g)
+        rp = (eta_array**2 * c - g) / (eta_array**2 * c + g)
+        return np.where(g_squared <= 0.0, 1.0, 0.5 * (rs**2 + rp**2))
+
+
+def fresnel_conductor(cos_theta: ArrayLike, n: ArrayLike, k: ArrayLike) -> Array:
+    """Unpolarised Fresnel reflectance of a conductor with complex index n + ik, relative to the near medium.
+
+    All arguments broadcast. `ValueError` for a cosine outside [0, 1], n <= 0 or k < 0.
+    Source: Born and Wolf, Principles of Optics, section 14.2.
+    """
+    index = _positive("n", n)
+    extinction = np.asarray(k, dtype=np.float64)
+    if not np.all((extinction >= 0.0) & np.isfinite(extinction)):
+        bad = extinction[~((extinction >= 0.0) & np.isfinite(extinction))].flat[0]
+        raise ValueError(f"k must be non-negative and finite, not {bad}")
+    c2 = _cosine(cos_theta) ** 2
+    s2 = 1.0 - c2
+    t0 = index**2 - extinction**2 - s2
+    modulus = np.sqrt(t0**2 + 4.0 * index**2 * extinction**2)
+    cross_s = np.sqrt(np.maximum(2.0 * (modulus + t0), 0.0) * c2)
+    rs = (modulus + c2 - cross_s) / (modulus + c2 + cross_s)
+    sum_p = c2 * modulus + s2**2
+    rp = rs * (sum_p - cross_s * s2) / (sum_p + cross_s * s2)
+    return np.asarray(0.5 * (rs + rp))
+
+
+def fresnel_schlick(
+    cos_theta: ArrayLike,
+    f0: ArrayLike,
+    f82: ArrayLike = 1.0,
+    f90: ArrayLike = 1.0,
+    exponent: ArrayLike = 5.0,
+) -> Array:
+    """Generalised Schlick reflectance with the 82-degree tint, clamped to [0, 1].
+
+    All arguments broadcast. `f82` is a tint: the reflectance at cos = 1/7 is `f82` times what it would be without it.
+    Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model".
+    """
+    away = 1.0 - _cosine(cos_theta)
+    low, tint, high, power = (np.asarray(x, dtype=np.float64) for x in (f0, f82, f90, exponent))
+    base = low + (high - low) * away**power
+    at_82 = low + (high - low) * (1.0 - COS_82) ** power
+    return np.clip(base - at_82 * (1.0 - tint) * TINT_SCALE * (1.0 - away) * away**6, 0.0, 1.0)

@@ -12,6 +12,7 @@ _PUBLIC = {
     "search_path": "library",
     "generate_shader": "shadergen",
     "supported_targets": "shadergen",
+    "retrofit": "surfaces",
     "MrmError": "errors",
     "MrmWarning": "errors",
 }
@@ -24,6 +25,7 @@ __all__ = [
     "load_library",
     "reference",
     "render",
+    "retrofit",
     "search_path",
     "supported_targets",
 ]
@@ -32,6 +34,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"mrm_nodes.{_PUBLIC[name]}"), name)
-    if name == "reference":
-        return importlib.import_module("mrm_nodes.reference")
+    if name in ("reference", "render"):
+        return importlib.import_module(f"mrm_nodes.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

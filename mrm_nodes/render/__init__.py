@@ -1,10 +1,17 @@
-"""Headless rendering of generated shaders: contexts, meshes, cameras, lights, images."""
+"""Headless rendering of generated shaders: contexts, meshes, cameras, lights, images.
+
+The package can be called: `mrm_nodes.render(material, ...)` is `mrm_nodes.render.render(material, ...)`.
+"""
+
+import sys
+import types
+from typing import Any
 
 from mrm_nodes.render.context import BACKENDS, BackendReport, get_context, probe_backends
 from mrm_nodes.render.images import read_image, write_exr, write_png
 from mrm_nodes.render.mesh import BUILT_IN, Mesh, baluster, plane, sphere
 from mrm_nodes.render.meshfile import load_mesh
-from mrm_nodes.render.renderer import RenderedImage, Renderer, render, renderer
+from mrm_nodes.render.renderer import RenderedImage, Renderer, render, shared_renderer
 from mrm_nodes.render.scene import (
     CAMERA_SYNTAX,
     LIGHT_SYNTAX,
@@ -44,8 +51,18 @@ __all__ = [
     "probe_backends",
     "read_image",
     "render",
-    "renderer",
+    "shared_renderer",
     "sphere",
     "write_exr",
     "write_png",
 ]
+
+
+class _CallablePackage(types.ModuleType):
+    """A package of the same name as its main function."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> RenderedImage:
+        return render(*args, **kwargs)
+
+
+sys.modules[__name__].__class__ = _CallablePackage

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import MaterialX as mx
 
+from mrm_nodes import surfaces as retrofitted
 from mrm_nodes.errors import MrmError
 
 #: Folder of the installed library below a `libraries` folder, and the file that marks it as ours.
@@ -50,32 +51,62 @@ def search_path() -> mx.FileSearchPath:
     return path
 
 
-def load_library(doc: mx.Document | None = None) -> mx.Document:
-    """Load MaterialX's standard libraries and ours into `doc`, or into a new document, and return it."""
+def load_library(doc: mx.Document | None = None, surfaces: bool = True) -> mx.Document:
+    """Load MaterialX's standard libraries and ours into `doc`, or into a new document, and return it.
+
+    With `surfaces`, the retroreflective twins of MaterialX's surfaces come too, made from the installed ones.
+
+    One that is laid out in an unknown way is left out, with a warning.
+    """
     if doc is None:
         doc = mx.createDocument()
-    doc.importLibrary(shared_library())
+    doc.importLibrary(_library(surfaces))
     return doc
 
 
-@functools.cache
 def shared_library() -> mx.Document:
     """Return the one library document of this process; read it, never change it.
 
     A material's document points at it with `setDataLibrary`, which costs nothing;
     an import copies every definition.
     """
+    return _library(True)
+
+
+@functools.cache
+def _library(surfaces: bool) -> mx.Document:
     library = mx.createDocument()
     mx.loadLibraries(mx.getDefaultDataLibraryFolders(), mx.getDefaultDataSearchPath(), library)
     if library.getNodeDef("ND_conductor_bsdf") is None:
         raise MrmError(
             "MaterialX's standard libraries are missing from its Python package; reinstall MaterialX"
         )
+    _add_nodes(library)
+    if surfaces:
+        for document in retrofitted.surface_documents(library).values():
+            library.importLibrary(document)
+    return library
+
+
+def _add_nodes(library: mx.Document) -> None:
     for file in sorted(library_path().glob("*.mtlx")):
         part = mx.createDocument()
         mx.readFromXmlFile(part, str(file))
         library.importLibrary(part)
-    return library
+
+
+def _surfaces_for(folder: Path) -> dict[str, str]:
+    """Return the retrofitted twins of the surfaces in `folder`, as .mtlx text by file name; comments are kept."""
+    options = mx.XmlReadOptions()
+    options.readComments = options.readNewlines = True
+    parts = [
+        mx.FilePath(name) for name in ("targets", "stdlib", "pbrlib", "bxdf") if (folder / name).is_dir()
+    ]
+    library = mx.createDocument()
+    mx.loadLibraries(parts, mx.FileSearchPath(str(folder)), library, readOptions=options)
+    _add_nodes(library)
+    documents = retrofitted.surface_documents(library)
+    return {f"{name}.mtlx": mx.writeToXmlString(document) for name, document in documents.items()}
 
 
 def install(libraries: str | os.PathLike[str]) -> list[Path]:
@@ -107,6 +138,8 @@ def install(libraries: str | os.PathLike[str]) -> list[Path]:
         shutil.copytree(library_path(), staging / "mtlx" / "mrm")
         shutil.copytree(root_path() / "glsl", staging / "glsl")
         (staging / HOST_INCLUDE).write_text(_HOST_INCLUDE_INSTALLED)
+        for name, text in _surfaces_for(folder).items():
+            (staging / "mtlx" / "mrm" / name).write_text(text, encoding="utf-8")
         files = sorted(path.relative_to(staging) for path in staging.rglob("*") if path.is_file())
         (staging / INSTALL_MARK).write_text("".join(f"{file.as_posix()}\n" for file in files))
         if target.exists():

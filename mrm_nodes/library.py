@@ -96,7 +96,7 @@ def _add_nodes(library: mx.Document) -> None:
 
 
 def _surfaces_for(folder: Path) -> dict[str, str]:
-    """Return the retrofitted twins of the surfaces in `folder`, as .mtlx text by file name; comments are kept."""
+    """Return the retrofitted twins of the surfaces in `folder`, as text by file name; comments are kept."""
     options = mx.XmlReadOptions()
     options.readComments = options.readNewlines = True
     parts = [

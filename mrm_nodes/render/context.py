@@ -154,10 +154,10 @@ def _create_egl() -> Any:
 
 
 def _create(backend: str) -> GLContext:
-    native = _OSMesaContext() if backend == "osmesa" else _create_egl()
+    native: Any = _OSMesaContext() if backend == "osmesa" else _create_egl()
     ctx = moderngl.create_context(context=native, require=MINIMUM_VERSION)
     # Objects are released explicitly: a finaliser could run while another context is current.
-    ctx.gc_mode = None
+    ctx.gc_mode = None  # type: ignore[assignment]
     return GLContext(backend, ctx, native.load)
 
 
@@ -225,12 +225,13 @@ def _probe_here(backend: str) -> None:
         report = BackendReport(backend, False, reason=found, hint=HINTS[backend])
     else:
         info = found.ctx.info
-        strings = (str(info[key]) for key in ("GL_VENDOR", "GL_RENDERER", "GL_VERSION"))
         works = _draws_one_pixel(found.ctx)
         report = BackendReport(
             backend,
             works,
-            *strings,
+            vendor=str(info["GL_VENDOR"]),
+            renderer=str(info["GL_RENDERER"]),
+            version=str(info["GL_VERSION"]),
             reason="" if works else "a float32 pixel does not come back as it was drawn",
             hint="" if works else HINTS[backend],
         )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from mrm_nodes.errors import MrmError
 
-#: Render targets, in order: the image; world position and coverage; normal and texture u; tangent and texture v.
+#: Render targets, in order: the image; position and coverage; normal and texture u; tangent and texture v.
 TARGETS = 4
 
 #: Draws point i at pixel i of a target `mrm_grid.x` pixels wide.

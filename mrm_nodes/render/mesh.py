@@ -34,13 +34,13 @@ class Mesh:
     """
 
     name: str
-    positions: Floats
-    normals: Floats
-    tangents: Floats
-    texcoords: Floats
-    indices: NDArray[np.uint32]
-    colors: Floats | None = None
-    geomprops: Mapping[str, Floats] = field(default_factory=dict)
+    positions: NDArray[Any]
+    normals: NDArray[Any]
+    tangents: NDArray[Any]
+    texcoords: NDArray[Any]
+    indices: NDArray[Any]
+    colors: NDArray[Any] | None = None
+    geomprops: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         indices = np.asarray(self.indices).reshape(-1, 3)
@@ -97,11 +97,11 @@ def _on_grid(columns: int, rows: int) -> tuple[NDArray[np.float64], NDArray[np.f
 
 @functools.cache
 def sphere() -> Mesh:
-    """Return the unit sphere about the origin: u runs eastwards around +y, v from the south pole to the north.
+    """Return the unit sphere about the origin: u runs eastwards around +y, v from the south pole up.
 
     The middle of a texture faces +z; tangents point east.
     """
-    u, v, indices = _on_grid(128, 64)
+    u, v, indices = _on_grid(72, 36)
     longitude, latitude = 2.0 * np.pi * (u - 0.5), np.pi * (v - 0.5)
     zero = np.zeros_like(u)
     normals = _joined(
@@ -152,27 +152,29 @@ def _arc(center: tuple[float, float], radius: float, first: float, last: float) 
 
 def _shaft(t: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return a shaft that swells a little, as the columns of temples do."""
-    return 0.33 - 0.05 * t - 0.05 * t**2 + 0.03 * np.sin(np.pi * t), 0.37 + 0.88 * t
+    return 0.33 - 0.05 * t - 0.05 * t**2 + 0.03 * np.sin(np.pi * t), 0.36 + 0.89 * t
 
 
 @functools.cache
 def baluster() -> Mesh:
-    """Return a turned baluster, 1.9 high about the origin: a square-edged foot, a moulding, a fluted shaft, a ball.
+    """Return a turned baluster, 1.9 high, about the origin: foot, moulding, fluted shaft, collar and ball.
 
-    It has what a picture of a material needs: flat, round (one and two ways) and hollow surfaces, sharp edges,
-    undersides. u runs eastwards around +y, v along the profile from the foot to the top; tangents point east.
+    It has what a picture of a material needs: flat, round (one and two ways) and hollow surfaces, sharp
+    edges, undersides. u runs eastwards around +y, v along the profile from foot to top; tangents point east.
     """
     ball, neck = 0.32, 0.2
     ball_center = (0.0, 1.33 + float(np.sqrt(ball**2 - neck**2)))
     ball_start = -float(np.arccos(neck / ball))
+    # The moulding meets the foot at an angle: surfaces that touch tangentially flicker.
+    bed = -1.2
     # The axis itself has no tangent: leave out a hole too small to see.
     hole = 1e-5
     pieces: list[tuple[Profile, int, int]] = [  # profile (radius, height), rows, flutes
         (_line((hole, 0.0), (0.56, 0.0)), 1, 0),
         (_line((0.56, 0.0), (0.56, 0.17)), 1, 0),
-        (_line((0.56, 0.17), (0.40, 0.17)), 1, 0),
-        (_arc((0.40, 0.27), 0.10, -np.pi / 2.0, np.pi / 2.0), 24, 0),
-        (_line((0.40, 0.37), (0.24, 0.37)), 1, 0),
+        (_line((0.56, 0.17), (0.40 + 0.10 * np.cos(bed), 0.17)), 1, 0),
+        (_arc((0.40, 0.17 - 0.10 * np.sin(bed)), 0.10, bed, np.pi / 2.0), 24, 0),
+        (_line((0.40, 0.27 - 0.10 * np.sin(bed)), (0.24, 0.27 - 0.10 * np.sin(bed))), 1, 0),
         (_shaft, 24, 16),
         (_line((0.20, 1.25), (0.36, 1.25)), 1, 0),
         (_line((0.36, 1.25), (0.36, 1.33)), 1, 0),
@@ -199,7 +201,7 @@ Surface = Callable[[NDArray[np.float64], NDArray[np.float64]], NDArray[np.float6
 
 
 def _turned(profile: Profile, middle: float, side: int, sides: int, hollow: float) -> Surface:
-    """Return one of `sides` equal sides of a profile turned about +y, hollowed by a parabola between its edges."""
+    """Return one of the equal sides of a profile turned about +y, hollowed between its edges."""
 
     def surface(s: NDArray[np.float64], t: NDArray[np.float64]) -> NDArray[np.float64]:
         longitude = 2.0 * np.pi * ((side + s) / sides - 0.5)
@@ -236,11 +238,14 @@ def normalized(vectors: NDArray[Any]) -> NDArray[np.float64]:
 
 
 def merge(name: str, parts: list[dict[str, NDArray[Any]]]) -> Mesh:
-    """Join parts, each with the arrays of a Mesh by their names, into one mesh."""
+    """Join parts, each with the five arrays of a Mesh by their names, into one mesh."""
     offsets = np.cumsum([0] + [len(part["positions"]) for part in parts[:-1]])
     indices = [part["indices"].astype(np.int64) + offset for part, offset in zip(parts, offsets, strict=True)]
-    streams = {key: np.concatenate([part[key] for part in parts]) for key in parts[0] if key != "indices"}
-    return Mesh(name=name, indices=np.concatenate(indices), **streams)
+    positions, normals, tangents, texcoords = (
+        np.concatenate([part[key] for part in parts])
+        for key in ("positions", "normals", "tangents", "texcoords")
+    )
+    return Mesh(name, positions, normals, tangents, texcoords, np.concatenate(indices))
 
 
 #: The shapes that need no file, by the name that the command line uses.

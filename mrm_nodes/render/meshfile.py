@@ -24,13 +24,13 @@ from mrm_nodes.render.mesh import BUILT_IN, Mesh, merge, normalized
 
 
 def load_mesh(name_or_path: str | os.PathLike[str]) -> Mesh:
-    """Return a built-in mesh by name (`sphere`, `plane`, `baluster`), or read an .obj or .glb file as one mesh.
+    """Return a built-in mesh (`sphere`, `plane`, `baluster`), or read an .obj or .glb file as one mesh.
 
     Warns (MrmWarning) where the file has no normals or texture coordinates: they are generated.
 
     Raises:
-        MrmError: an unknown name or ending, a file that is missing or malformed, an empty mesh, NaN, or an index
-            of a vertex that does not exist.
+        MrmError: an unknown name or ending, a file that is missing or malformed, an empty mesh, NaN, or an
+            index of a vertex that does not exist.
     """
     name = os.fspath(name_or_path)
     if name in BUILT_IN:

@@ -46,7 +46,7 @@ class RenderedImage:
 
     Args:
         image: (h, w, 3) linear radiance; 0 where nothing was drawn.
-        position, normal, tangent: (h, w, 3) in world space, as interpolated: normals are not quite unit vectors.
+        position, normal, tangent: (h, w, 3) in world space, as interpolated: not quite unit vectors.
         texcoord: (h, w, 2), as interpolated.
         mask: (h, w), True where the mesh covers the middle of the pixel.
         camera: the camera that was used.
@@ -88,7 +88,7 @@ class _Program:
 
     number: int
     program: moderngl.Program
-    uniforms: dict[str, moderngl.Uniform]
+    uniforms: dict[str, Any]  # moderngl.Uniform
     attributes: dict[str, int]  # by name: how many floats
 
 
@@ -102,8 +102,7 @@ class _MeshBuffers:
     arrays: dict[int, moderngl.VertexArray] = field(default_factory=dict)
 
     def release(self) -> None:
-        for item in (*self.arrays.values(), *(buffer for buffer, _ in self.buffers.values()), self.indices):
-            item.release()
+        _release(*self.arrays.values(), *(buffer for buffer, _ in self.buffers.values()), self.indices)
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +119,12 @@ class _Target:
         return np.frombuffer(self.colors[index].read(), np.float32).reshape(height, width, 4)
 
     def release(self) -> None:
-        for item in (self.framebuffer, *self.colors, self.depth):
-            item.release()
+        _release(self.framebuffer, *self.colors, self.depth)
+
+
+def _release(*items: Any) -> None:
+    for item in items:
+        item.release()
 
 
 class Renderer:
@@ -164,12 +167,12 @@ class Renderer:
         Args:
             camera: by default it stands on the +z side and shows the whole mesh.
             size: width and height in pixels.
-            uniforms: values in place of the material's, by the path of an input (`graph/node/input`) or by the
-                uniform's name; an enum takes its name or its number.
+            uniforms: values in place of the material's, by the path of an input (`graph/node/input`) or by
+                the uniform's name; an enum takes its name or its number.
 
         Raises:
-            MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN; more
-                lights than the shader has room for; a size that the driver cannot draw.
+            MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN;
+                more lights than the shader has room for; a size that the driver cannot draw.
         """
         width, height = self._checked_size(size)
         aspect = width / height
@@ -217,8 +220,8 @@ class Renderer:
 
         Args:
             attributes: arrays of length n, (n,) or (n, k), by the name of the vertex attribute without `i_`:
-                `position`, `normal`, `tangent` (and `bitangent`, `texcoord_0`, `color_0`), and by the name that a
-                `geompropvalue` node gives. `position` is needed, and what the shader uses.
+                `position`, `normal`, `tangent` (and `bitangent`, `texcoord_0`, `color_0`), and by the name
+                that a `geompropvalue` node gives. `position` is needed, and what the shader uses.
             camera_position: where the shader takes the view direction from.
             uniforms: as in `render`.
 
@@ -269,8 +272,7 @@ class Renderer:
             for index, result in enumerate(results.values()):
                 result[start:end] = target.read(index).reshape(-1, 4)[: end - start, :3]
         finally:
-            for item in (array, *buffers.values()):
-                item.release()
+            _release(array, *buffers.values())
 
     def _point_streams(
         self, program: _Program, data: Mapping[str, NDArray[Any]], count: int, shader: Shader
@@ -432,7 +434,8 @@ class Renderer:
                 available = 4 if suffix else buffer.size // (4 * len(mesh.positions))
                 if available < width:
                     raise MrmError(
-                        f"mesh {mesh.name}: {_bare(name)} has {available} components, {shader.name} wants {width}"
+                        f"mesh {mesh.name}: {_bare(name)} has {available} components; "
+                        f"{shader.name} wants {width}"
                     )
                 padding = f" {4 * (available - width)}x" if available > width else ""
                 content.append((buffer, f"{width}f{padding}{suffix}", name))
@@ -510,20 +513,21 @@ def render(
         uniforms: values in place of the material's: see `Renderer.render`.
 
     Raises:
-        MrmError: any of these is unreadable, unknown, out of range or NaN; the shader does not compile; no OpenGL.
+        MrmError: any of these is unreadable, unknown, out of range or NaN; the shader does not compile; there
+            is no OpenGL.
     """
     listed = [lights] if isinstance(lights, str | Light) else lights
     parsed_lights = [parse_light(light) if isinstance(light, str) else light for light in listed]
     parsed_camera = parse_camera(camera) if isinstance(camera, str) else camera
     loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
     shader = material if isinstance(material, Shader) else generate_shader(material)
-    return renderer(backend).render(shader, loaded, parsed_camera, parsed_lights, size, uniforms)
+    return shared_renderer(backend).render(shader, loaded, parsed_camera, parsed_lights, size, uniforms)
 
 
 _RENDERERS: dict[str, Renderer] = {}
 
 
-def renderer(backend: str = "auto") -> Renderer:
+def shared_renderer(backend: str = "auto") -> Renderer:
     """Return this process's renderer of a backend, so that programs and meshes are shared by all who ask.
 
     Raises:

@@ -69,7 +69,7 @@ def _shown(value: Any) -> str:
 
 @dataclass(frozen=True)
 class DirectionalLight:
-    """MaterialX's `directional_light`: light travels along `direction`; radiance times solid angle, no falloff.
+    """MaterialX's `directional_light`: light travels along `direction`, and its intensity is irradiance.
 
     Raises:
         MrmError: a number that is none, or a direction of zero length. The direction is stored normalised,
@@ -114,7 +114,7 @@ class PointLight:
 
 @dataclass(frozen=True)
 class SpotLight:
-    """MaterialX's `spot_light`: a point light that fades from inside the inner cone to outside the outer cone.
+    """MaterialX's `spot_light`: a point light that fades between an inner and an outer cone.
 
     `inner_angle` and `outer_angle` are cosines, because MaterialX's shader compares them with one.
 
@@ -288,7 +288,7 @@ class Camera:
         return cls(position, center, up, fov, width)
 
     def view_matrix(self) -> NDArray[np.float64]:
-        """Return the 4 × 4 matrix from world to camera space, for column vectors; the camera looks along -z."""
+        """Return the 4 × 4 matrix from world to camera space (it looks along -z), for column vectors."""
         right = np.cross(self._axis, self.up)
         right /= np.linalg.norm(right)
         matrix = np.eye(4)
@@ -343,8 +343,8 @@ class Framing:
 def parse_camera(text: str) -> Camera | Framing:
     """Read a camera as the command line writes it: see `CAMERA_SYNTAX`.
 
-    `X,Y,Z` is the position and `TX,TY,TZ` the point looked at, by default the origin; `frame:DX,DY,DZ` stands in
-    that direction and shows the whole mesh. `width` makes the camera orthographic.
+    `X,Y,Z` is the position and `TX,TY,TZ` the point looked at, by default the origin; `frame:DX,DY,DZ` stands
+    in that direction and shows the whole mesh. `width` makes the camera orthographic.
 
     Raises:
         MrmError: anything else.
@@ -367,4 +367,5 @@ def parse_camera(text: str) -> Camera | Framing:
         return Framing(unit_vector(direction, what), **options)
     if not 1 <= len(places) <= 2 or places[0] == "frame":
         raise MrmError(f"{what}: write {CAMERA_SYNTAX}")
-    return Camera(*(_parse_vector(place, what) for place in places), **options)
+    position, *target = (_parse_vector(place, what) for place in places)
+    return Camera(position, *target[:1], **options)

@@ -36,8 +36,8 @@ class Sampling:
     """How a shader reads an image.
 
     Args:
-        address: modes in u and v as MaterialX numbers them (0 constant, 1 clamp, 2 periodic, 3 mirror); any other
-            is periodic.
+        address: modes in u and v as MaterialX numbers them (0 constant, 1 clamp, 2 periodic, 3 mirror); any
+            other is periodic.
         filter_type: 0 for the closest texel; any other is trilinear.
         border: colour outside the image with address mode constant.
         top_row_first: whether v = 0 is the top row, as in shaders generated with `fileTextureVerticalFlip`.

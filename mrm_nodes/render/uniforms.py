@@ -31,7 +31,7 @@ _COMPONENTS = {
 
 @dataclass(frozen=True)
 class Uniform:
-    """One uniform: its name in GLSL, the material's input that it stands for, and its numbers or file name."""
+    """One uniform: its name in GLSL, the material's input that it stands for, and its value."""
 
     name: str
     path: str
@@ -43,8 +43,8 @@ def uniforms_of(shader: Shader, overrides: Mapping[str, Any] | None = None) -> d
     """Return every uniform of both stages by its name in GLSL.
 
     Args:
-        overrides: values by the path of the material's input (`graph/node/input`) or by the name in GLSL; an enum
-            takes its name or its number.
+        overrides: values by the path of the material's input (`graph/node/input`) or by the name in GLSL; an
+            enum takes its name or its number.
 
     Raises:
         MrmError: an unknown name, a value of the wrong kind, NaN or infinite.

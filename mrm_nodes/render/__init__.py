@@ -7,10 +7,6 @@ import sys
 import types
 from typing import Any
 
-import sys
-from types import ModuleType
-from typing import Any
-
 from mrm_nodes.render.context import BACKENDS, BackendReport, get_context, probe_backends
 from mrm_nodes.render.images import read_image, write_exr, write_png
 from mrm_nodes.render.mesh import BUILT_IN, Mesh, baluster, plane, sphere
@@ -67,16 +63,6 @@ class _CallablePackage(types.ModuleType):
 
     def __call__(self, *args: Any, **kwargs: Any) -> RenderedImage:
         return render(*args, **kwargs)
-
-
-sys.modules[__name__].__class__ = _CallablePackage
-
-
-class _CallablePackage(ModuleType):
-    """Lets `mrm_nodes.render(material)` be the function, and `mrm_nodes.render.Renderer` stay in its package."""
-
-    def __call__(self, *arguments: Any, **options: Any) -> RenderedImage:
-        return render(*arguments, **options)
 
 
 sys.modules[__name__].__class__ = _CallablePackage

@@ -367,5 +367,6 @@ def parse_camera(text: str) -> Camera | Framing:
         return Framing(unit_vector(direction, what), **options)
     if not 1 <= len(places) <= 2 or places[0] == "frame":
         raise MrmError(f"{what}: write {CAMERA_SYNTAX}")
-    position, *target = (_parse_vector(place, what) for place in places)
-    return Camera(position, *target[:1], **options)
+    if len(places) == 2:
+        options["target"] = _parse_vector(places[1], what)
+    return Camera(_parse_vector(places[0], what), **options)

@@ -186,14 +186,12 @@ def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, Arra
         render_seconds = time.perf_counter() - start_of_draw
         lights = [lamp.data(Camera(position=tuple(eye), target=tuple(eye + 1.0)))]
         view, frame = shading_frame(drawn["position"], drawn["normal"], drawn["tangent"], eye)
-        reference = shade(bsdf, inputs["weight"], view, frame, drawn["position"], lights)
+        points = view, frame, drawn["position"], lights
+        reference, grazing = shade(bsdf, inputs["weight"], *points)
+        white, _ = shade(white_evaluator(values), inputs["weight"], *points)
         film = inputs["thinfilm_thickness"] > 0
-        film_lobe = np.zeros_like(reference)
-        if film.any():
-            white = shade(white_evaluator(values), inputs["weight"], view, frame, drawn["position"], lights)
-            film_lobe = np.where(film[:, None], white, 0.0)
         alpha = np.min(inputs["roughness"], axis=-1)
-        bounds = bounds_for(alpha, cloud.distribution, film_lobe, reference)
+        bounds = bounds_for(alpha, cloud.distribution, reference, grazing, white, film)
         yield {
             "render_seconds": np.array([render_seconds]),
             "alpha": alpha,
@@ -201,6 +199,7 @@ def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, Arra
             "kind": kind,
             "image": drawn["image"],
             "reference": reference,
+            "white": white,
             "max_bound": np.broadcast_to(bounds.max_rel, reference.shape).astype(np.float32),
             "p999_bound": np.broadcast_to(bounds.p999_rel, reference.shape).astype(np.float32),
             "inputs": np.concatenate([value.reshape(n, -1) for value in inputs.values()], -1).astype(

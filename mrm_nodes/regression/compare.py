@@ -22,6 +22,13 @@ FILM_MAX = 3e-4
 FILM_P999 = 1e-5
 """Allowed error of the thin film's Fresnel factor: its sum cancels in float32."""
 
+FRESNEL_MAX = 1e-6
+FRESNEL_P999 = 3e-7
+"""The same without a film: the 82 degree tint subtracts, and an index near 1 leaves only rounding."""
+
+GRAZING = 0.05
+"""Cosine below which the rounding of unit vectors to float32 counts: the bounds grow as GRAZING / cosine."""
+
 OTHER_DISTRIBUTIONS = 5.0
 """Beckmann and Phong are exponentials: their bounds are this many times GGX's."""
 
@@ -67,30 +74,38 @@ def finite_or_none(value: float) -> float | None:
 
 def bounds_for(
     alpha: ArrayLike,
-    distribution: ArrayLike = "ggx",
-    film_lobe: ArrayLike | None = None,
-    reference: ArrayLike | None = None,
+    distribution: str,
+    reference: ArrayLike,
+    grazing: ArrayLike,
+    white: ArrayLike,
+    film: ArrayLike,
 ) -> Bounds:
-    """The bounds that design.md's table gives.
+    """The bounds of n points.
 
     Args:
         alpha: the smaller roughness, `(n,)` or a scalar.
         distribution: its name.
-        film_lobe: the response `(n, 3)` that a Fresnel factor of 1 would have where a thin film is, else 0;
-            turns the film's bound, which is on the Fresnel factor, into one on the image `reference`.
-        reference: `(n, 3)`, needed with `film_lobe`.
+        reference: `(n, 3)`.
+        grazing: `(n, 3)`, the reference with each light's part multiplied by `grazing_factor`.
+        white: `(n, 3)`, the reference for a Fresnel factor of 1: it turns the bound on that factor into
+            one on the image.
+        film: whether there is a thin film, `(n,)` or a scalar.
     """
-    alpha = np.asarray(alpha, float)[..., None]
-    factor = np.where(np.asarray(distribution)[..., None] == "ggx", 1.0, OTHER_DISTRIBUTIONS)
-    max_rel = factor * np.maximum(5e-6 / alpha, 2e-5)
-    p999_rel = factor * np.maximum(2e-6 / alpha, 5e-6)
-    if film_lobe is not None:
-        if reference is None:
-            raise ValueError("a thin film's bound needs the reference")
-        per_fresnel = np.asarray(film_lobe, float) / np.maximum(np.abs(np.asarray(reference, float)), FLOOR)
-        max_rel = max_rel + FILM_MAX * per_fresnel
-        p999_rel = p999_rel + FILM_P999 * per_fresnel
-    return Bounds(max_rel, p999_rel)
+    alpha = np.asarray(alpha, np.float64)[..., None]
+    film = np.asarray(film, bool)[..., None]
+    size = np.maximum(np.abs(np.asarray(reference, np.float64)), FLOOR)
+    factor = 1.0 if distribution == "ggx" else OTHER_DISTRIBUTIONS
+    stretch = factor * np.maximum(np.abs(np.asarray(grazing)) / size, 1.0)
+    per_fresnel = np.asarray(white) / size
+    return Bounds(
+        stretch * np.maximum(5e-6 / alpha, 2e-5) + np.where(film, FILM_MAX, FRESNEL_MAX) * per_fresnel,
+        stretch * np.maximum(2e-6 / alpha, 5e-6) + np.where(film, FILM_P999, FRESNEL_P999) * per_fresnel,
+    )
+
+
+def grazing_factor(cosine: ArrayLike) -> NDArray[np.float64]:
+    """How much the bounds grow where the smaller of n.v and n.l is `cosine`."""
+    return GRAZING / np.clip(cosine, 1e-12, GRAZING)
 
 
 def relative_error(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:

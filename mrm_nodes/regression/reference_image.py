@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes import reference as ref
 from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.compare import grazing_factor
 from mrm_nodes.regression.material import as_float32
 
 Array = NDArray[np.float64]
@@ -104,19 +105,24 @@ def light_at(light: LightData, position: ArrayLike) -> tuple[Array, Array]:
 
 def shade(
     bsdf: Any, weight: ArrayLike, view: Array, frame: Array, position: ArrayLike, lights: Sequence[LightData]
-) -> Array:
+) -> tuple[Array, Array]:
     """Radiance `(n, 3)` towards the viewer: the sum over lights of intensity, BSDF, cosine and weight.
 
     A light below the shading horizon gives exactly nothing. weight: `(n,)` or a scalar.
+
+    Returns:
+        The radiance, and the same sum with each light's part multiplied by its `grazing_factor`.
     """
-    total = np.zeros(view.shape)
+    total, grazing = np.zeros(view.shape), np.zeros(view.shape)
     v = _to_frame(frame, view)
     for light in lights:
         direction, intensity = light_at(light, position)
         l = _to_frame(frame, direction)  # noqa: E741  the field's own name
-        above = l[..., 2:] > 0
-        total += np.where(above, bsdf.eval(v, _unit(l)) * intensity * l[..., 2:], 0.0)
-    return total * np.asarray(as_float32(weight))[..., None]
+        part = np.where(l[..., 2:] > 0, bsdf.eval(v, _unit(l)) * intensity * l[..., 2:], 0.0)
+        total += part
+        grazing += part * grazing_factor(np.minimum(v[..., 2:], l[..., 2:]))
+    scale = np.asarray(as_float32(weight))[..., None]
+    return total * scale, grazing * scale
 
 
 def base_under(*_: Any) -> Array:

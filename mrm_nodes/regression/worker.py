@@ -16,7 +16,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cases import Case
 from mrm_nodes.regression.cloud import Cloud, attributes_of, run_cloud
-from mrm_nodes.regression.compare import Figures, Verdict, bounds_for, compare, relative_error
+from mrm_nodes.regression.compare import Bounds, Figures, Verdict, bounds_for, compare, relative_error
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.reference_image import base_under, evaluator, shade, shading_frame, white_evaluator
 from mrm_nodes.render.mesh import Mesh
@@ -135,9 +135,8 @@ class Worker:
         driven = {name: self._input_points(outcome, case, name, mesh) for name in case.patterns}
         with _timed(outcome, "reference"):
             points = drawn.position[mask], drawn.normal[mask], drawn.tangent[mask]
-            reference, film_lobe, alpha = reference_points(case, {**values, **driven}, camera, *points)
+            reference, bounds = reference_points(case, {**values, **driven}, camera, *points)
         with _timed(outcome, "compare"):
-            bounds = bounds_for(alpha, values["distribution"], film_lobe, reference)
             outcome.verdict, outcome.figures = compare(drawn.image[mask], reference, bounds)
             outcome.tolerance = bounds.loosest()
             used = np.max(relative_error(drawn.image[mask], reference) / bounds.max_rel, axis=-1)
@@ -179,19 +178,17 @@ class Worker:
 
 def reference_points(
     case: Case, values: Mapping[str, Any], camera: Camera, position: Array, normal: Array, tangent: Array
-) -> tuple[Array, Array | None, Array]:
-    """The reference `(n, 3)`, its film lobe where there is a film (see `bounds_for`), the smaller alpha."""
+) -> tuple[Array, Bounds]:
+    """The reference of n points, `(n, 3)`, and the bounds on the image there."""
     view, frame = shading_frame(position, normal, tangent, camera.position)
-    lights = [light.data(camera) for light in case.lights]
-    bsdf, weight = evaluator(case.node, values), values["weight"]
-    reference = shade(bsdf, weight, view, frame, position, lights)
-    film_lobe = None
-    if np.any(np.asarray(values["thinfilm_thickness"]) > 0):
-        film_lobe = shade(white_evaluator(values), weight, view, frame, position, lights)
+    points = view, frame, position, [light.data(camera) for light in case.lights]
+    reference, grazing = shade(evaluator(case.node, values), values["weight"], *points)
+    white, _ = shade(white_evaluator(values), values["weight"], *points)
     if case.base is not None:
-        reference = reference + base_under(case.node, values, case.base, view, frame, position, lights)
+        reference = reference + base_under(case.node, values, case.base, *points)
     alpha = np.clip(material.as_float32(values["roughness"]), 1e-8, 1.0).min(axis=-1)
-    return reference, film_lobe, alpha
+    film = np.asarray(values["thinfilm_thickness"]) > 0
+    return reference, bounds_for(alpha, values["distribution"], reference, grazing, white, film)
 
 
 def _spread(points: Array, mask: NDArray[np.bool_]) -> Array:

@@ -105,7 +105,8 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     vec3 H = normalize(L + V);
     float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
     float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
-    float VdotH = clamp(dot(V, H), M_FLOAT_EPS, 1.0);
+    // dot(V, H) by another road: of two nearly opposite directions H has lost its digits, their sum's length has not.
+    float VdotH = clamp(0.5 * length(L + V), M_FLOAT_EPS, 1.0);
     vec3 Ht = vec3(dot(H, X), dot(H, Y), dot(H, N));
     vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
     vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);

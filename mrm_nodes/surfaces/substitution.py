@@ -90,12 +90,18 @@ def retrofit(
             f"{where}: its base specular is known only for {known}; name the nodes with base_specular"
         )
     _check_nodes(document, graph, replace)
-    new_nodedef_name = _new_name(original.getName(), original.getNodeString(), name, "ND_")
-    new_graph_name = _new_name(graph.getName(), original.getNodeString(), name, "NG_")
+    new_nodedef_name = _new_name(original, name)
+    new_graph_name = f"NG_{new_nodedef_name.removeprefix('ND_')}"
     _check_names(document, original, name, input_name, (new_nodedef_name, new_graph_name))
 
     new_nodedef = document.addChildOfCategory("nodedef", new_nodedef_name)
     new_nodedef.copyContentFrom(original)
+    # What it inherits becomes its own, so that it stands alone.
+    new_nodedef.removeAttribute("inherit")
+    for inherited in (*original.getActiveInputs(), *original.getActiveOutputs()):
+        if new_nodedef.getChild(inherited.getName()) is None:
+            child = new_nodedef.addChildOfCategory(inherited.getCategory(), inherited.getName())
+            child.copyContentFrom(inherited)
     _forget_source(new_nodedef)
     new_nodedef.setNodeString(name)
     if original.hasAttribute("uiname"):
@@ -123,19 +129,20 @@ def surface_documents(library: mx.Document) -> dict[str, mx.Document]:
     """
     documents = {}
     for surface in known_surfaces().values():
-        if not library.getMatchingNodeDefs(surface.node):
+        versions = library.getMatchingNodeDefs(surface.node)
+        if not versions:
             continue
         document = mx.createDocument()
         document.setDataLibrary(library)
         try:
-            nodedef, _ = retrofit(document, surface.node, surface.name, surface.input)
+            for version in versions:
+                retrofit(document, version, surface.name, surface.input)
         except MrmError as error:
             warnings.warn(f"{surface.name} is left out: {error}", MrmWarning, stacklevel=2)
             continue
-        version = nodedef.getVersionString()
         heading = document.addChildOfCategory("comment")
         heading.setDocString(
-            f" MaterialX's {surface.node} {version}, its base specular exchanged for the nodes of mrm-nodes. "
+            f" MaterialX's {surface.node}, its base specular exchanged for the nodes of mrm-nodes. "
         )
         document.setChildIndex(heading.getName(), 0)
         document.setDataLibrary(None)
@@ -211,15 +218,16 @@ def _check_nodes(document: mx.Document, graph: mx.NodeGraph, replace: Mapping[st
             )
 
 
-def _new_name(original: str, node: str, name: str, prefix: str) -> str:
-    return original.replace(node, name, 1) if node in original else prefix + name
+def _new_name(original: mx.NodeDef, name: str) -> str:
+    node = original.getNodeString()
+    return original.getName().replace(node, name, 1) if node in original.getName() else f"ND_{name}"
 
 
 def _check_names(
     document: mx.Document, original: mx.NodeDef, name: str, input_name: str, children: tuple[str, ...]
 ) -> None:
     for text in (name, input_name):
-        if not mx.isValidName(text):
+        if not (text and mx.isValidName(text)):
             raise MrmError(
                 f"{original.getName()}: {text!r} is no name in MaterialX: letters, digits and underscores"
             )
@@ -227,8 +235,12 @@ def _check_names(
         raise MrmError(f"{original.getName()}: it has an input {input_name} already; choose another name")
     if input_name in {one.getName() for one in original.getActiveOutputs()}:
         raise MrmError(f"{original.getName()}: it has an output {input_name}; choose another name")
-    if document.getMatchingNodeDefs(name):
-        raise MrmError(f"{name}: a node of this name is defined already; choose another name")
+    inputs = {one.getName() for one in original.getActiveInputs()} | {input_name}
+    for present in document.getMatchingNodeDefs(name):
+        # Another version of the same surface may have the same name.
+        is_version = present.getVersionString() not in ("", original.getVersionString())
+        if not is_version or {one.getName() for one in present.getActiveInputs()} != inputs:
+            raise MrmError(f"{name}: a node of this name is defined already; choose another name")
     for child in children:
         taken = document.getChild(child) or document.getNodeDef(child) or document.getNodeGraph(child)
         if taken is not None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render.context import get_context
-from mrm_nodes.render.gbuffer import TARGETS, patch
+from mrm_nodes.render.gbuffer import TARGETS, Stages, mesh_stages, point_stages, sheet_stages
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.scene import Camera, Framing, Light, parse_camera, parse_light, vector
@@ -33,7 +33,7 @@ Floats = NDArray[np.float32]
 POINTS_PER_DRAW = 1 << 20
 
 _KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS = 64, 16, 2
-_BLACK_UNIT = 0
+_BLACK_UNIT, _FIRST_SHEET_UNIT = 0, 1
 _IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 K = TypeVar("K")
@@ -90,6 +90,7 @@ class _Program:
     program: moderngl.Program
     uniforms: dict[str, Any]  # moderngl.Uniform
     attributes: dict[str, int]  # by name: how many floats
+    sheets: int  # of gbuffer.sheet_stages; 0 for other programs
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,11 +145,9 @@ class Renderer:
         self.backend = self._gl.backend
         self.device = self._gl.renderer
         self._numbers = itertools.count()
-        self._programs: _Recent[tuple[str, str], _Program] = _Recent(
-            _KEPT_PROGRAMS, lambda p: p.program.release()
-        )
+        self._programs: _Recent[Stages, _Program] = _Recent(_KEPT_PROGRAMS, lambda p: p.program.release())
         self._meshes: _Recent[int, _MeshBuffers] = _Recent(_KEPT_MESHES, _MeshBuffers.release)
-        self._targets: _Recent[tuple[int, int], _Target] = _Recent(_KEPT_TARGETS, _Target.release)
+        self._targets: _Recent[tuple[int, int, int], _Target] = _Recent(_KEPT_TARGETS, _Target.release)
         self._textures = TextureCache(self._gl)
         with self._gl.ctx as ctx:
             self._black = ctx.texture((1, 1), 4, np.zeros(4, np.float32), dtype="f4")
@@ -185,11 +184,11 @@ class Renderer:
         values = uniforms_of(shader, uniforms)
         with self._gl.ctx:
             started = time.perf_counter()
-            program, is_new = self._program(shader, points=False)
+            program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
             linked = time.perf_counter()
             self._upload(shader, program, values, view_projection, camera, lights)
             array = self._vertex_array(program, mesh, shader)
-            target = self._begin((width, height), depth_test=True)
+            target = self._begin((width, height), TARGETS, depth_test=True)
             array.render(moderngl.TRIANGLES)
             pixels = [target.read(index)[::-1] for index in range(TARGETS)]
             image, position, normal, tangent = (np.ascontiguousarray(data[..., :3]) for data in pixels)
@@ -246,33 +245,48 @@ class Renderer:
         names = ("image", "position", "normal", "tangent")
         results = {name: np.empty((count, 3), np.float32) for name in names}
         with self._gl.ctx:
-            program, _ = self._program(shader, points=True)
-            streams = self._point_streams(program, data, count, shader)
-            self._upload(shader, program, values, np.eye(4), camera, lights)
+            # Images are read at the level of detail of single points, which one triangle does not have.
+            reads_images = any(value.type == "filename" and value.value for value in values.values())
+            stages = None if reads_images else sheet_stages(shader.vertex, shader.pixel)
+            # Programs that run one after the other: one that places points and shades them, or one of each.
+            programs = [
+                self._program(shader, part)[0]
+                for part in (stages or (point_stages(shader.vertex, shader.pixel),))
+            ]
+            streams = self._point_streams(programs[0], data, count, shader)
+            for program in programs:
+                self._upload(shader, program, values, np.eye(4), camera, lights)
             for start in range(0, count, POINTS_PER_DRAW):
                 end = min(start + POINTS_PER_DRAW, count)
-                self._draw_chunk(program, streams, start, end, results)
+                target = self._draw_chunk(
+                    programs, {name: stream[start:end] for name, stream in streams.items()}, end - start
+                )
+                for index, result in enumerate(results.values()):
+                    result[start:end] = target.read(index).reshape(-1, 4)[: end - start, :3]
         return results
 
-    def _draw_chunk(
-        self, program: _Program, streams: dict[str, Floats], start: int, end: int, results: dict[str, Floats]
-    ) -> None:
-        width = math.isqrt(end - start - 1) + 1
-        height = -(-(end - start) // width)
-        program.uniforms["mrm_grid"].value = (width, height)
+    def _draw_chunk(self, programs: list[_Program], streams: dict[str, Floats], count: int) -> _Target:
+        width = math.isqrt(count - 1) + 1
+        size = (width, -(-count // width))
         ctx = self._gl.ctx
-        buffers = {
-            name: ctx.buffer(np.ascontiguousarray(stream[start:end])) for name, stream in streams.items()
-        }
-        content = [(buffer, f"{program.attributes[name]}f", name) for name, buffer in buffers.items()]
-        array = ctx.vertex_array(program.program, content)
+        placing, shading = programs[0], programs[-1]
+        placing.uniforms["mrm_grid"].value = size
+        buffers = {name: ctx.buffer(np.ascontiguousarray(stream)) for name, stream in streams.items()}
+        content = [(buffer, f"{placing.attributes[name]}f", name) for name, buffer in buffers.items()]
+        points = ctx.vertex_array(placing.program, content)
+        triangle = ctx.vertex_array(shading.program, [])
         try:
-            target = self._begin((width, height), depth_test=False)
-            array.render(moderngl.POINTS, vertices=end - start)
-            for index, result in enumerate(results.values()):
-                result[start:end] = target.read(index).reshape(-1, 4)[: end - start, :3]
+            target = self._begin(size, placing.sheets or TARGETS, depth_test=False)
+            points.render(moderngl.POINTS, vertices=count)
+            if shading is not placing:
+                for index, sheet in enumerate(target.colors):
+                    sheet.use(_FIRST_SHEET_UNIT + index)
+                self._black.use(_BLACK_UNIT)
+                target = self._begin(size, TARGETS, depth_test=False)
+                triangle.render(moderngl.TRIANGLES, vertices=3)
+            return target
         finally:
-            _release(array, *buffers.values())
+            _release(points, triangle, *buffers.values())
 
     def _point_streams(
         self, program: _Program, data: Mapping[str, NDArray[Any]], count: int, shader: Shader
@@ -312,18 +326,17 @@ class Renderer:
             raise MrmError(f"size {width}x{height}: this driver draws 1x1 to {limit}x{limit} pixels")
         return width, height
 
-    def _program(self, shader: Shader, *, points: bool) -> tuple[_Program, bool]:
-        """Return the program of a shader, and whether it was compiled just now."""
-        vertex, pixel = patch(shader.vertex, shader.pixel, points=points)
+    def _program(self, shader: Shader, stages: Stages) -> tuple[_Program, bool]:
+        """Return the program of a shader's stages, and whether it was compiled just now."""
         is_new = False
 
         def link() -> _Program:
             nonlocal is_new
             is_new = True
             try:
-                program = self._gl.ctx.program(vertex_shader=vertex, fragment_shader=pixel)
+                program = self._gl.ctx.program(vertex_shader=stages.vertex, fragment_shader=stages.pixel)
             except moderngl.Error as error:
-                raise MrmError(compile_error(str(error), shader.name, vertex, pixel)) from None
+                raise MrmError(compile_error(str(error), shader.name, stages)) from None
             members = {name: program[name] for name in program}
             return _Program(
                 next(self._numbers),
@@ -334,9 +347,10 @@ class Renderer:
                     for name, member in members.items()
                     if isinstance(member, moderngl.Attribute) and name.startswith("i_")
                 },
+                stages.sheets,
             )
 
-        return self._programs.get((vertex, pixel), link), is_new
+        return self._programs.get(stages, link), is_new
 
     def _upload(
         self,
@@ -359,6 +373,7 @@ class Renderer:
             "u_envRadianceSamples": 0,
             "u_envLightIntensity": 1.0,
         }
+        own |= {f"mrm_sheet_{index}": _FIRST_SHEET_UNIT + index for index in range(program.sheets)}
         room = sum(re.fullmatch(r"u_lightData\[\d+\]\.type", name) is not None for name in program.uniforms)
         if lights and len(lights) > room and "u_numActiveLightSources" in program.uniforms:
             raise MrmError(f"{shader.name}: {len(lights)} lights, but the shader was generated for {room}")
@@ -403,16 +418,16 @@ class Renderer:
         path = values[name].path or name
         self._textures.bind(find_image(values[name].value, shader.search_path, path), unit, sampling)
 
-    def _begin(self, size: tuple[int, int], *, depth_test: bool) -> _Target:
+    def _begin(self, size: tuple[int, int], colors: int, *, depth_test: bool) -> _Target:
         """Bind and clear a target, and set every state that a draw depends on."""
         ctx = self._gl.ctx
 
         def make() -> _Target:
-            colors = [ctx.texture(size, 4, dtype="f4") for _ in range(TARGETS)]
+            textures = [ctx.texture(size, 4, dtype="f4") for _ in range(colors)]
             depth = ctx.depth_renderbuffer(size)
-            return _Target(colors, depth, ctx.framebuffer(colors, depth))
+            return _Target(textures, depth, ctx.framebuffer(textures, depth))
 
-        target = self._targets.get(size, make)
+        target = self._targets.get((*size, colors), make)
         target.framebuffer.use()
         target.framebuffer.clear()
         # Back faces are shaded, nothing is blended.
@@ -465,9 +480,9 @@ def _bare(attribute: str) -> str:
     return attribute.removeprefix("i_").removeprefix("geomprop_")
 
 
-def compile_error(message: str, name: str, vertex: str, pixel: str) -> str:
+def compile_error(message: str, name: str, stages: Stages) -> str:
     """Return one line with the compiler's first complaints and the source lines that they are about."""
-    stage, source = ("vertex", vertex) if "vertex_shader" in message else ("pixel", pixel)
+    stage, source = ("vertex", stages.vertex) if "vertex_shader" in message else ("pixel", stages.pixel)
     lines = source.splitlines()
     # Mesa writes 0:12(5): error; NVIDIA 0(12) : error; others ERROR: 0:12: …
     located = re.compile(r"(?:^|\b)0(?::(\d+)|\((\d+)\))")

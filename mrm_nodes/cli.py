@@ -201,6 +201,37 @@ def install(folder: Path) -> None:
     click.echo(f"{len(files)} files in {folder / 'mrm'}")
 
 
+@cli.command()
+@click.argument("file", type=Path)
+@click.option("-o", "--output", type=Path, required=True, help="Document to write.")
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="INPUT=WEIGHT",
+    help="specular_retroreflectivity (OpenPBR, Standard Surface) or retroreflection (glTF), from 0 to 1.",
+)
+def retrofit(file: Path, output: Path, settings: tuple[str, ...]) -> None:
+    """Make a document's surfaces retroreflective: OpenPBR, glTF and Standard Surface become ours."""
+    from mrm_nodes.surfaces.rewrite import retrofit_file
+
+    changed = retrofit_file(file, output, dict(parse_setting(setting) for setting in settings))
+    click.echo(f"{output}: {', '.join(changed)}")
+
+
+def parse_setting(text: str) -> tuple[str, float]:
+    """Name and value from `INPUT=WEIGHT`.
+
+    Raises:
+        MrmError: there is no name, or the value is not a number.
+    """
+    name, _, value = text.partition("=")
+    try:
+        return name, float(value)
+    except ValueError:
+        raise MrmError(f"--set {text}: write it as INPUT=WEIGHT, a weight from 0 to 1") from None
+
+
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height from `WxH`.
 

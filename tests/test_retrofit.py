@@ -121,7 +121,7 @@ def _only_own() -> mx.XmlWriteOptions:
 def test_any_surface_can_be_retrofitted_by_naming_its_nodes(bare: mx.Document) -> None:
     graph = definition(bare, "UsdPreviewSurface").getImplementation()
     microfacet = {n.getName(): n.getCategory() for n in graph.getNodes() if n.getCategory() in SUBSTITUTES}
-    base = {name: category for name, category in microfacet.items() if "coat" not in name}
+    base = {name: kind for name, kind in microfacet.items() if not name.startswith(("coat", "transmission"))}
     nodedef, _ = mrm_nodes.retrofit(bare, "UsdPreviewSurface", "retro_preview", "retro", base)
     shader = bare.addNode("retro_preview", "shader", "surfaceshader")
     assert shader.getNodeDef().getName() == nodedef.getName()

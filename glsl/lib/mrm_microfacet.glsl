@@ -150,9 +150,16 @@ vec2 mrm_directional_albedo(float NdotV, MrmLobe lobe)
     return clamp(r.xy / r.zw, 0.0, 1.0);
 }
 
-// Turquin's compensation factor as MaterialX's nodes have it, for a single-scattering albedo E of a white lobe.
-vec3 mrm_energy_compensation(vec3 F, float E)
+// Turquin's compensation factor as the host's own nodes have it, for a single-scattering albedo E of a white lobe.
+// F: Fresnel reflectance of the light's half vector, or of N.V where light comes from an environment.
+vec3 mrm_energy_compensation(vec3 F, FresnelData fd, float E)
 {
+#if MRM_COMPENSATION_BY_AVERAGE_FRESNEL
+    // The cosine-weighted average of Schlick's curve over the hemisphere, whatever the curve.
+    vec3 F0 = mx_compute_fresnel(1.0, fd);
+    vec3 F90 = fd.model == FRESNEL_MODEL_SCHLICK && !fd.airy ? fd.F90 : vec3(1.0);
+    F = F0 + (F90 - F0) * (1.0 / 21.0);
+#endif
     return vec3(1.0) + F * (1.0 - E) / E;
 }
 
@@ -169,7 +176,7 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
 
     vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
-    compensation = mrm_energy_compensation(F, E);
+    compensation = mrm_energy_compensation(F, fd, E);
     float D = mrm_ndf(Ht, lobe);
     float G = mrm_masking_over_NdotV(Vt, Lt, Ht.z, VdotH, lobe);
     return D * F * G * compensation / 4.0;
@@ -220,7 +227,7 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
         lobe.masking = MRM_SMITH;
         vec3 F = clamp(mx_compute_fresnel(NdotV, fd), 0.0, 1.0);
         AB = mrm_directional_albedo(NdotV, lobe);
-        compensation = mrm_energy_compensation(F, AB.x + AB.y);
+        compensation = mrm_energy_compensation(F, fd, AB.x + AB.y);
 
         if (closureData.closureType == CLOSURE_TYPE_INDIRECT)
         {

@@ -14,38 +14,24 @@ from numpy.typing import ArrayLike, NDArray
 from . import energy_formulas as energy
 from . import microsurface as surface
 from . import pipeline
-from .albedo_fit import COEFFICIENTS
+from .albedo_fit import COEFFICIENTS, split_sum
+from .checks import (
+    COMPENSATIONS,
+    CORRELATIONS,
+    DISTRIBUTIONS,
+    MASKINGS,
+    SCATTER_MODES,
+    check_unit,
+    choice,
+    colour,
+    directions,
+    first,
+    pair,
+    scalar,
+)
 from .compiled import Array, run
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
-
-DISTRIBUTIONS = {
-    "ggx": surface.GGX,
-    "beckmann": surface.BECKMANN,
-    "beckmann-rational": surface.BECKMANN_RATIONAL,
-    "phong": surface.PHONG,
-}
-MASKINGS = {
-    "smith": surface.SMITH,
-    "vcavity": surface.VCAVITY,
-    "cook-torrance": surface.VCAVITY,
-    "implicit": surface.IMPLICIT,
-    "schlick-smith": surface.SCHLICK_SMITH,
-    "kelemen": surface.KELEMEN,
-}
-CORRELATIONS = {
-    "height": surface.HEIGHT,
-    "separable": surface.SEPARABLE,
-    "direction": surface.DIRECTION,
-    "height_direction": surface.HEIGHT_DIRECTION,
-}
-SCATTER_MODES = {"R": pipeline.REFLECT, "T": pipeline.TRANSMIT, "RT": pipeline.BOTH}
-COMPENSATIONS = {
-    None: energy.NONE,
-    "materialx-1.39.5": energy.MATERIALX_1_39_5,
-    "materialx-1.39.6": energy.MATERIALX_1_39_6,
-    "turquin": energy.TURQUIN,
-    "kulla-conty": energy.KULLA_CONTY,
-}
+from .quadrature import quadrature_nodes
 
 
 class BsdfSample(NamedTuple):
@@ -60,78 +46,6 @@ class BsdfSample(NamedTuple):
     weight: Array
     pdf: Array
     delta: NDArray[np.bool_]
-
-
-def _first(array: Array, bad: NDArray[np.bool_]) -> str:
-    where = np.argwhere(bad)[0]
-    value = float(array[tuple(where)])
-    return f"{value:g}" if array.ndim == 0 else f"{value:g} at index {tuple(int(k) for k in where)}"
-
-
-def _numbers(name: str, value: ArrayLike, low: float, high: float, open_low: bool = False) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be a number or an array of numbers, not {value!r}") from error
-    good = (array > low) if open_low else (array >= low)
-    good &= array <= high
-    good &= np.isfinite(array)
-    if not good.all():
-        bounds = f"{'above' if open_low else 'at least'} {low:g}" + (f" and at most {high:g}" if high < np.inf else "")
-        raise ValueError(f"{name} must be finite, {bounds}, not {_first(array, ~good)}")
-    return array
-
-
-def scalar(name: str, value: ArrayLike, low: float, high: float = np.inf, open_low: bool = False) -> Array:
-    """A parameter of shape (...), as (..., 1); `ValueError` outside its range."""
-    return _numbers(name, value, low, high, open_low)[..., np.newaxis]
-
-
-def colour(name: str, value: ArrayLike, low: float, high: float = np.inf, open_low: bool = False) -> Array:
-    """A parameter that is a number or has shape (..., 3), as (..., 3); `ValueError` outside its range."""
-    array = _numbers(name, value, low, high, open_low)
-    if array.ndim == 0:
-        array = array[np.newaxis]
-    if array.shape[-1] not in (1, 3):
-        raise ValueError(f"{name} must be a number or have shape (..., 3), not {array.shape}")
-    return np.broadcast_to(array, (*array.shape[:-1], 3))
-
-
-def _pair(name: str, value: ArrayLike, low: float, high: float, open_low: bool) -> Array:
-    array = _numbers(name, value, low, high, open_low)
-    if array.ndim == 0:
-        array = array[np.newaxis]
-    if array.shape[-1] not in (1, 2):
-        raise ValueError(f"{name} must be a number, a pair or have shape (..., 2), not {array.shape}")
-    return np.broadcast_to(array, (*array.shape[:-1], 2))
-
-
-def _choice(name: str, value: object, choices: dict[str, int] | dict[str | None, int]) -> int:
-    try:
-        return choices[value]  # type: ignore[index]
-    except (KeyError, TypeError):
-        known = ", ".join(repr(key) for key in choices)
-        raise ValueError(f"{name} must be one of {known}, not {value!r}") from None
-
-
-def directions(name: str, value: ArrayLike) -> Array:
-    """Directions as float64 of shape (..., 3); `ValueError` for another shape."""
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be an array of directions, not {value!r}") from error
-    if array.ndim == 0 or array.shape[-1] != 3:
-        raise ValueError(f"{name} must have shape (..., 3), not {array.shape}")
-    return array
-
-
-def check_unit(name: str, array: Array) -> None:
-    """`ValueError` that names the first direction whose length is not 1 to 1e-6."""
-    length = np.sqrt(np.einsum("...i,...i", array, array))
-    bad = ~(np.abs(length - 1.0) <= 1e-6)
-    if bad.any():
-        where = tuple(int(k) for k in np.argwhere(bad)[0])
-        raise ValueError(f"{name} must be of unit length: {array[where]} at index {where} has length {length[where]:g}")
 
 
 class Lobe:
@@ -163,19 +77,19 @@ class Lobe:
     ) -> None:
         power = scalar("exponent", exponent, 0.0)
         self._kind = kind
-        self._distribution = _choice("distribution", distribution, DISTRIBUTIONS)
-        self._masking = _choice("masking", masking, MASKINGS)
+        self._distribution = choice("distribution", distribution, DISTRIBUTIONS)
+        self._masking = choice("masking", masking, MASKINGS)
         if self._distribution == surface.PHONG:
             # Phong has no Smith masking in closed form; the V-cavity's asks nothing of the distribution.
             self._masking = surface.VCAVITY
-        self._correlation = _choice("correlation", correlation, CORRELATIONS)
-        self._compensation = _choice("energy_compensation", energy_compensation, COMPENSATIONS)
-        self._scatter = _choice("scatter_mode", scatter_mode, SCATTER_MODES)
+        self._correlation = choice("correlation", correlation, CORRELATIONS)
+        self._compensation = choice("energy_compensation", energy_compensation, COMPENSATIONS)
+        self._scatter = choice("scatter_mode", scatter_mode, SCATTER_MODES)
         self._retro_transmission = bool(retro_transmission)
-        self._alpha = _pair("alpha", alpha, 0.0, np.inf, open_low=True)
+        self._alpha = pair("alpha", alpha, 0.0, np.inf, open_low=True)
         self._retro = scalar("retroreflectivity", retroreflectivity, 0.0, 1.0)
         self._rxy = scalar("slope_correlation", slope_correlation, -1.0, 1.0, open_low=True)
-        self._mean = _pair("mean_slope", mean_slope, -np.inf, np.inf, open_low=True)
+        self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
         shifted = bool(self._mean.any())
         skewed = shifted or bool(self._rxy.any())
         if skewed and self._distribution == surface.PHONG:
@@ -187,7 +101,9 @@ class Lobe:
             )
         unphysical = self._masking not in (surface.SMITH, surface.VCAVITY)
         if unphysical and self._scatter != pipeline.REFLECT:
-            raise ValueError(f"masking {masking!r} is for reflection only: scatter_mode must be 'R', not {scatter_mode!r}")
+            raise ValueError(
+                f"masking {masking!r} is for reflection only: scatter_mode must be 'R', not {scatter_mode!r}"
+            )
         self._parameters = [
             self._alpha,
             self._retro,
@@ -218,11 +134,13 @@ class Lobe:
     @functools.cached_property
     def _table(self) -> Array:
         """What the compensation reads its albedo from."""
-        names = {code: name for name, code in reversed(DISTRIBUTIONS.items())}
         if self._compensation in (energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
-            pair = (names[self._distribution].split("-")[0], "vcavity" if self._masking == surface.VCAVITY else "smith")
-            return np.array(COEFFICIENTS[pair])
+            return np.array(COEFFICIENTS[self._fit_pair()])
         return np.ones((2, 2))
+
+    def _fit_pair(self) -> tuple[str, str]:
+        name = {surface.GGX: "ggx", surface.PHONG: "phong"}.get(self._distribution, "beckmann")
+        return name, "vcavity" if self._masking == surface.VCAVITY else "smith"
 
     def _run(
         self, kernel: object, v: Array, second: Array, components: Sequence[int], **changed: int
@@ -273,7 +191,7 @@ class Lobe:
         uniforms = directions("u", u)
         if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
             bad = ~((uniforms >= 0.0) & (uniforms <= 1.0))
-            raise ValueError(f"u must be in [0, 1], not {_first(uniforms, bad)}")
+            raise ValueError(f"u must be in [0, 1], not {first(uniforms, bad)}")
         (drawn,), rejected = self._run(pipeline.DRAW, view, uniforms, [8])
         if rejected:
             check_unit("v", view)
@@ -285,6 +203,80 @@ class Lobe:
             weight = np.where(density[..., np.newaxis] > 0.0, value / density[..., np.newaxis], 0.0)
         weight = np.where(delta[..., np.newaxis], drawn[..., 5:], weight)
         return BsdfSample(light, weight, density, delta)
+
+    def albedo(self, v: ArrayLike) -> Array:
+        """Directional albedo as energy, reflected and transmitted together: shape (..., 3).
+
+        The average of F G2 / G1 over visible normals by quadrature. Forward and retro lobes have the same (001 eq. 18).
+        A delta (index 1) is counted. `ValueError` as in `eval`.
+        """
+        view = directions("v", v)
+        nodes = quadrature_nodes(self._distribution, self._masking)
+        modes = list(self._modes)
+        inputs = [view, np.zeros(3), *self._parameters]
+        (parts,), rejected = run(pipeline.INTEGRATE, inputs, modes, [6], [self._table, nodes])
+        if rejected:
+            check_unit("v", view)
+        tint = self._parameters[-1]
+        return (parts[..., :3] + parts[..., 3:]) * tint
+
+    def _reflectance(self, cosine: Array, scheme: int) -> Array:
+        """RGB reflectance from outside at cosines of shape (..., 1)."""
+        padded = np.broadcast_to(cosine, (*cosine.shape[:-1], 3))
+        modes = list(self._modes)
+        modes[pipeline.COMPENSATION] = scheme
+        inputs = [np.array([0.0, 0.0, 1.0]), padded, *self._parameters]
+        (result,), _ = run(pipeline.REFLECTANCE, inputs, modes, [3], [self._table])
+        return result
+
+    def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
+        """What MaterialX's `layer` multiplies the base with when this lobe lies on top: shape (..., 3).
+
+        1 - weight * directional albedo, the albedo being MaterialX's split-sum fit F0 A + F90 B times the factor of its
+        energy compensation. That factor takes F at v.h of each lobe for a light l, and at v.n without one (environments)
+        up to 1.39.5; the lobes of a blend are mixed linearly. A conductor lets nothing through, a lobe without
+        reflection everything. `ValueError` for the compensations that MaterialX does not have.
+        """
+        view = directions("v", v)
+        shape = np.broadcast_shapes(view.shape[:-1], self._shape)
+        amount = scalar("weight", weight, 0.0)
+        if self._kind == CONDUCTOR:
+            return np.zeros((*np.broadcast_shapes(shape, amount.shape[:-1]), 3))
+        if self._compensation not in (energy.NONE, energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
+            raise ValueError(
+                "throughput is MaterialX's: energy_compensation must be None or one of its versions"
+            )
+        check_unit("v", view)
+        cosine = np.clip(np.abs(view[..., 2:]), 1e-8, 1.0)
+        mean_alpha = np.sqrt(self._alpha[..., :1] * self._alpha[..., 1:])
+        a, b = split_sum(self._fit_pair(), cosine, mean_alpha)
+        if self._kind == SCHLICK:
+            f0, f90 = self._parameters[2], self._parameters[4]
+        else:
+            f0 = ((self._parameters[2] - 1.0) / (self._parameters[2] + 1.0)) ** 2
+            f90 = np.ones(3)
+        bare = f0 * a + f90 * b
+
+        def covered(mirrored: Array) -> Array:
+            if self._compensation == energy.NONE:
+                return bare
+            at = cosine
+            if l is not None and self._compensation == energy.MATERIALX_1_39_5:
+                light = directions("l", l)
+                check_unit("l", light)
+                half = mirrored + light
+                at = np.clip(0.5 * np.linalg.norm(half, axis=-1, keepdims=True), 1e-8, 1.0)
+            f = self._reflectance(at, self._compensation)
+            return np.asarray(bare * (1.0 + f * (1.0 - (a + b)) / (a + b)))
+
+        side = np.where(view[..., 2:] < 0.0, -1.0, 1.0)
+        forward, retro = side * view, side * view * np.array([-1.0, -1.0, 1.0])
+        albedo = (1.0 - self._retro) * covered(forward) + self._retro * covered(retro)
+        if self._kind == SCHLICK:
+            albedo = np.broadcast_to(albedo.mean(axis=-1, keepdims=True), albedo.shape)
+        if self._scatter == pipeline.TRANSMIT:
+            albedo = np.zeros_like(albedo)
+        return np.asarray(1.0 - amount * albedo)
 
 
 class Conductor(Lobe):
@@ -375,7 +367,11 @@ class GeneralizedSchlick(Lobe):
         slope_correlation: ArrayLike = 0.0,
         mean_slope: ArrayLike = 0.0,
     ) -> None:
-        colours = (colour("color0", color0, 0.0), colour("color82", color82, 0.0), colour("color90", color90, 0.0))
+        colours = (
+            colour("color0", color0, 0.0),
+            colour("color82", color82, 0.0),
+            colour("color90", color90, 0.0),
+        )
         super().__init__(
             SCHLICK, colours, exponent, 1.0, alpha, retroreflectivity, distribution, masking, correlation,
             energy_compensation, thinfilm_thickness, thinfilm_ior, scatter_mode, retro_transmission,

@@ -122,9 +122,7 @@ def _launch(kernel: Kernel, count: int, inputs: Any, modes: Any, outputs: Any) -
 def _collapsible(array: Array) -> bool:
     """Whether all axes but the last can be viewed as one."""
     axes = [
-        (size, stride)
-        for size, stride in zip(array.shape[:-1], array.strides[:-1], strict=True)
-        if size > 1
+        (size, stride) for size, stride in zip(array.shape[:-1], array.strides[:-1], strict=True) if size > 1
     ]
     return all(a[1] == b[0] * b[1] for a, b in zip(axes, axes[1:], strict=False))
 
@@ -166,7 +164,9 @@ def _run_views(
     if count > CHUNK and not all(_collapsible(view) for view in views):
         step = max(1, CHUNK * shape[0] // count)
         return sum(
-            _run_views(kernel, [v[k : k + step] for v in views], modes, [o[k : k + step] for o in outputs], tables)
+            _run_views(
+                kernel, [v[k : k + step] for v in views], modes, [o[k : k + step] for o in outputs], tables
+            )
             if step > 1 or len(shape) == 1
             else _run_views(kernel, [v[k] for v in views], modes, [o[k] for o in outputs], tables)
             for k in range(0, shape[0], step)

@@ -45,9 +45,7 @@ def slope_norm_squared(
 @formula
 def stretched_sine(x: float, y: float, ax: float, ay: float, correlation: float) -> float:
     """alpha_o sin θ: the roughness projected on a direction, times its sine (eqs. 80, 93 and 97)."""
-    return math.sqrt(
-        max(ax * ax * x * x + ay * ay * y * y + 2.0 * correlation * ax * ay * x * y, 0.0)
-    )
+    return math.sqrt(max(ax * ax * x * x + ay * ay * y * y + 2.0 * correlation * ax * ay * x * y, 0.0))
 
 
 @formula

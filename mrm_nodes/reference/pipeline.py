@@ -156,9 +156,7 @@ def _normals(s: Array, distribution: int, skewed: bool) -> None:
     """D at the selected normal."""
     if distribution == surface.PHONG:
         for i in range(BLOCK):
-            s[D + i] = surface.phong_normals(
-                s[HX + i], s[HY + i], s[HZ + i], s[HH + i], s[AX + i], s[AY + i]
-            )
+            s[D + i] = surface.phong_normals(s[HX + i], s[HY + i], s[HZ + i], s[HH + i], s[AX + i], s[AY + i])
         return
     if skewed:
         for i in range(BLOCK):
@@ -232,9 +230,7 @@ def _visibility(s: Array, distribution: int, masking: int, correlation: int, ske
         _areas(s, distribution, skewed)
         if correlation == surface.HEIGHT:
             for i in range(BLOCK):
-                s[VISIBLE + i] = surface.height_visibility(
-                    s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i]
-                )
+                s[VISIBLE + i] = surface.height_visibility(s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i])
         elif correlation == surface.SEPARABLE:
             for i in range(BLOCK):
                 s[VISIBLE + i] = surface.separable_visibility(s[AREA_V + i], s[AREA_L + i])
@@ -280,9 +276,7 @@ def _unphysical_visibility(s: Array, masking: int, skewed: bool) -> None:
         for i in range(BLOCK):
             kv = surface.schlick_smith_k(s[SINE_V + i], s[CV + i])
             kl = surface.schlick_smith_k(s[SINE_L + i], s[CL + i])
-            s[VISIBLE + i] = 1.0 / (
-                (s[CV + i] * (1.0 - kv) + kv) * (s[CL + i] * (1.0 - kl) + kl)
-            )
+            s[VISIBLE + i] = 1.0 / ((s[CV + i] * (1.0 - kv) + kv) * (s[CL + i] * (1.0 - kl) + kl))
 
 
 @formula
@@ -790,9 +784,7 @@ def _draw_one(s: Array, i: int, modes: Any, u0: float, u1: float, u2: float, out
     else:
         if ez - s[MX + i] * ex - s[MY + i] * ey <= 0.0:
             return
-        mx, my, mz = sample_visible_smith(
-            distribution, ex, ey, ez, ax, ay, rxy, s[MX + i], s[MY + i], u0, u1
-        )
+        mx, my, mz = sample_visible_smith(distribution, ex, ey, ez, ax, ay, rxy, s[MX + i], s[MY + i], u0, u1)
     cosine = ex * mx + ey * my + ez * mz
     if cosine <= 0.0:
         return
@@ -865,12 +857,21 @@ DRAW = Kernel(draw, INPUTS, 1)
 
 @formula
 def _scattered(
-    s: Array, i: int, modes: Any, ex: float, ey: float, ez: float, side: float, mx: float, my: float, mz: float
-) -> tuple[float, float, float, float, float, float]:
-    """RGB that one visible normal reflects and, as energy, transmits: F G2 / G1 and (1 - F) G2 / G1."""
+    s: Array,
+    i: int,
+    modes: Any,
+    ex: float,
+    ey: float,
+    ez: float,
+    side: float,
+    mx: float,
+    my: float,
+    mz: float,
+) -> tuple[float, float, float, float, float]:
+    """What one visible normal does: RGB reflectance, and G2 / G1 of its reflection and of its refraction."""
     cosine = ex * mx + ey * my + ez * mz
     if cosine <= 0.0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        return 0.0, 0.0, 0.0, 0.0, 0.0
     cosine = min(cosine, 1.0)
     red, green, blue = _reflectance_at(s, i, cosine, side, modes[KIND])
     reflected = 0.0
@@ -889,14 +890,11 @@ def _scattered(
             x, y, z = along * mx - ratio * ex, along * my - ratio * ey, along * mz - ratio * ez
             if z < 0.0:
                 transmitted = shadowing_ratio(s, i, modes, ex, ey, ez, x, y, z, mz, cosine, far)
-    return (
-        reflected * red, reflected * green, reflected * blue,
-        transmitted * (1.0 - red), transmitted * (1.0 - green), transmitted * (1.0 - blue),
-    )  # fmt: skip
+    return red, green, blue, reflected, transmitted
 
 
 def albedo(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
-    """Reflected and transmitted share of the energy that arrives along v, forward, without compensation or tint.
+    """Reflected and transmitted share of the energy that arrives along v, before the tint.
 
     The average over visible normals; `inputs[INPUTS]` holds the quadrature's nodes (u0, u1, weight).
     """
@@ -905,16 +903,22 @@ def albedo(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
     nodes = inputs[INPUTS]
     rejected = 0
     distribution = modes[DISTRIBUTION]
+    scheme = modes[COMPENSATION]
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         load(s, inputs, begin, count, begin == start)
         rejected += count_not_unit(s, VX, VY, VZ, count)
         indices(s, modes[KIND])
+        if scheme == energy.MATERIALX_1_39_5 or scheme == energy.MATERIALX_1_39_6:
+            _albedo_from_fit(s, inputs[IN_FIT])
+        elif scheme == energy.TURQUIN:
+            _albedo_from_table(s, inputs[IN_FIT])
         for i in range(count):
             for c in range(6):
                 out[begin + i, c] = 0.0
             side = 1.0 if s[VZ + i] >= 0.0 else -1.0
             ex, ey, ez = side * s[VX + i], side * s[VY + i], side * s[VZ + i]
+            boost = (1.0 - s[ALBEDO + i]) / s[ALBEDO + i] if scheme == energy.MATERIALX_1_39_5 else 0.0
             if ez - s[MX + i] * ex - s[MY + i] * ey <= 0.0 or (modes[KIND] == CONDUCTOR and side < 0.0):
                 continue
             for k in range(nodes.shape[0]):
@@ -929,16 +933,64 @@ def albedo(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
                     weight *= 2.0 * cosine / (cosine + other) if cosine > 0.0 else 0.0
                 else:
                     mx, my, mz = sample_visible_smith(
-                        distribution, ex, ey, ez, s[AX + i], s[AY + i], s[RXY + i], s[MX + i], s[MY + i], u0, u1
+                        distribution,
+                        ex,
+                        ey,
+                        ez,
+                        s[AX + i],
+                        s[AY + i],
+                        s[RXY + i],
+                        s[MX + i],
+                        s[MY + i],
+                        u0,
+                        u1,
                     )
-                parts = _scattered(s, i, modes, ex, ey, ez, side, mx, my, mz)
-                out[begin + i, 0] += weight * parts[0]
-                out[begin + i, 1] += weight * parts[1]
-                out[begin + i, 2] += weight * parts[2]
-                out[begin + i, 3] += weight * parts[3]
-                out[begin + i, 4] += weight * parts[4]
-                out[begin + i, 5] += weight * parts[5]
+                red, green, blue, reflected, transmitted = _scattered(
+                    s, i, modes, ex, ey, ez, side, mx, my, mz
+                )
+                out[begin + i, 0] += weight * reflected * red * (1.0 + red * boost)
+                out[begin + i, 1] += weight * reflected * green * (1.0 + green * boost)
+                out[begin + i, 2] += weight * reflected * blue * (1.0 + blue * boost)
+                out[begin + i, 3] += weight * transmitted * (1.0 - red)
+                out[begin + i, 4] += weight * transmitted * (1.0 - green)
+                out[begin + i, 5] += weight * transmitted * (1.0 - blue)
+        # The schemes whose factor depends on v alone.
+        if scheme == energy.MATERIALX_1_39_6 or scheme == energy.TURQUIN:
+            _place(s, 1.0)
+            if scheme == energy.TURQUIN:
+                _normal_incidence(s, modes[KIND], modes[FIFTH] != 0)
+            else:
+                _average_reflectance(s, modes[KIND], modes[FIFTH] != 0)
+            for i in range(count):
+                out[begin + i, 0] *= compensation(s[FR + i], s[ALBEDO + i])
+                out[begin + i, 1] *= compensation(s[FG + i], s[ALBEDO + i])
+                out[begin + i, 2] *= compensation(s[FB + i], s[ALBEDO + i])
     return rejected
 
 
-ALBEDO_KERNEL = Kernel(albedo, INPUTS + 1, 1)
+INTEGRATE = Kernel(albedo, INPUTS + 1, 1)
+
+
+def reflectance(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    """RGB reflectance seen from outside at the cosines in `inputs[IN_L]`, or its average over the hemisphere."""
+    s = np.empty(SIZE)
+    out = outputs[0]
+    for begin in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - begin)
+        load(s, inputs, begin, count, begin == start)
+        indices(s, modes[KIND])
+        for i in range(BLOCK):
+            s[SIDE + i] = 1.0
+            s[VH + i] = s[LX + i]
+        if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
+            _average_reflectance(s, modes[KIND], modes[FIFTH] != 0)
+        else:
+            fresnel(s, modes[KIND], modes[FIFTH] != 0)
+        for i in range(count):
+            out[begin + i, 0] = s[FR + i]
+            out[begin + i, 1] = s[FG + i]
+            out[begin + i, 2] = s[FB + i]
+    return 0
+
+
+REFLECTANCE = Kernel(reflectance, INPUTS, 1)

@@ -3,7 +3,7 @@
 import math
 
 from .compiled import formula
-from .microsurface import BECKMANN, GGX, PHONG, SQRT_PI, beckmann_projected_area
+from .microsurface import GGX, PHONG, SQRT_PI, beckmann_projected_area
 
 
 @formula

@@ -1,0 +1,117 @@
+"""What a caller may pass: names, ranges and shapes, and the errors that say which was wrong."""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from . import energy_formulas as energy
+from . import microsurface as surface
+from . import pipeline
+from .compiled import Array
+
+DISTRIBUTIONS = {
+    "ggx": surface.GGX,
+    "beckmann": surface.BECKMANN,
+    "beckmann-rational": surface.BECKMANN_RATIONAL,
+    "phong": surface.PHONG,
+}
+MASKINGS = {
+    "smith": surface.SMITH,
+    "vcavity": surface.VCAVITY,
+    "cook-torrance": surface.VCAVITY,
+    "implicit": surface.IMPLICIT,
+    "schlick-smith": surface.SCHLICK_SMITH,
+    "kelemen": surface.KELEMEN,
+}
+CORRELATIONS = {
+    "height": surface.HEIGHT,
+    "separable": surface.SEPARABLE,
+    "direction": surface.DIRECTION,
+    "height_direction": surface.HEIGHT_DIRECTION,
+}
+SCATTER_MODES = {"R": pipeline.REFLECT, "T": pipeline.TRANSMIT, "RT": pipeline.BOTH}
+COMPENSATIONS = {
+    None: energy.NONE,
+    "materialx-1.39.5": energy.MATERIALX_1_39_5,
+    "materialx-1.39.6": energy.MATERIALX_1_39_6,
+    "turquin": energy.TURQUIN,
+    "kulla-conty": energy.KULLA_CONTY,
+}
+
+
+def first(array: Array, bad: NDArray[np.bool_]) -> str:
+    """The first bad value and where it is."""
+    where = np.argwhere(bad)[0]
+    value = float(array[tuple(where)])
+    return f"{value:g}" if array.ndim == 0 else f"{value:g} at index {tuple(int(k) for k in where)}"
+
+
+def _numbers(name: str, value: ArrayLike, low: float, high: float, open_low: bool = False) -> Array:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be a number or an array of numbers, not {value!r}") from error
+    good = (array > low) if open_low else (array >= low)
+    good &= array <= high
+    good &= np.isfinite(array)
+    if not good.all():
+        bounds = f"{'above' if open_low else 'at least'} {low:g}" + (
+            f" and at most {high:g}" if high < np.inf else ""
+        )
+        raise ValueError(f"{name} must be finite, {bounds}, not {first(array, ~good)}")
+    return array
+
+
+def scalar(name: str, value: ArrayLike, low: float, high: float = np.inf, open_low: bool = False) -> Array:
+    """A parameter of shape (...), as (..., 1); `ValueError` outside its range."""
+    return _numbers(name, value, low, high, open_low)[..., np.newaxis]
+
+
+def colour(name: str, value: ArrayLike, low: float, high: float = np.inf, open_low: bool = False) -> Array:
+    """A parameter that is a number or has shape (..., 3), as (..., 3); `ValueError` outside its range."""
+    array = _numbers(name, value, low, high, open_low)
+    if array.ndim == 0:
+        array = array[np.newaxis]
+    if array.shape[-1] not in (1, 3):
+        raise ValueError(f"{name} must be a number or have shape (..., 3), not {array.shape}")
+    return np.broadcast_to(array, (*array.shape[:-1], 3))
+
+
+def pair(name: str, value: ArrayLike, low: float, high: float, open_low: bool = False) -> Array:
+    """A parameter that is a number, a pair or has shape (..., 2), as (..., 2); `ValueError` outside its range."""
+    array = _numbers(name, value, low, high, open_low)
+    if array.ndim == 0:
+        array = array[np.newaxis]
+    if array.shape[-1] not in (1, 2):
+        raise ValueError(f"{name} must be a number, a pair or have shape (..., 2), not {array.shape}")
+    return np.broadcast_to(array, (*array.shape[:-1], 2))
+
+
+def choice(name: str, value: object, choices: dict[str, int] | dict[str | None, int]) -> int:
+    """The code of a name; `ValueError` that lists the names."""
+    try:
+        return choices[value]  # type: ignore[index]
+    except (KeyError, TypeError):
+        known = ", ".join(repr(key) for key in choices)
+        raise ValueError(f"{name} must be one of {known}, not {value!r}") from None
+
+
+def directions(name: str, value: ArrayLike) -> Array:
+    """Directions as float64 of shape (..., 3); `ValueError` for another shape."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be an array of directions, not {value!r}") from error
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise ValueError(f"{name} must have shape (..., 3), not {array.shape}")
+    return array
+
+
+def check_unit(name: str, array: Array) -> None:
+    """`ValueError` that names the first direction whose length is not 1 to 1e-6."""
+    length = np.sqrt(np.einsum("...i,...i", array, array))
+    bad = ~(np.abs(length - 1.0) <= 1e-6)
+    if bad.any():
+        where = tuple(int(k) for k in np.argwhere(bad)[0])
+        raise ValueError(
+            f"{name} must be of unit length: {array[where]} at index {where} has length {length[where]:g}"
+        )

@@ -1,0 +1,62 @@
+"""Diffuse reflection: Lambert and EON."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .checks import check_unit, colour, directions, scalar
+from .compiled import Array
+
+# Fujii's constants in the albedo of the qualitative model (EON, eqs. 11 and 20).
+C1 = 0.5 - 2.0 / (3.0 * np.pi)
+C2 = 2.0 / 3.0 - 28.0 / (15.0 * np.pi)
+
+
+def lambert(albedo: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
+    """Lambert's f = albedo / π where both directions are above the surface, else 0: shape (..., 3)."""
+    rho = colour("albedo", albedo, 0.0, 1.0)
+    view, light = directions("v", v), directions("l", l)
+    check_unit("v", view)
+    check_unit("l", light)
+    lit = (view[..., 2:] > 0.0) & (light[..., 2:] > 0.0)
+    return np.where(lit, rho / np.pi, 0.0)
+
+
+def fujii_albedo(cosine: ArrayLike, roughness: ArrayLike) -> Array:
+    """Directional albedo of Fujii's qualitative Oren-Nayar for unit single-scattering albedo (EON, eq. 14)."""
+    mu, r = np.broadcast_arrays(np.asarray(cosine, np.float64), np.asarray(roughness, np.float64))
+    mu = np.maximum(mu, 1e-300)
+    sine = np.sqrt(np.maximum(1.0 - mu * mu, 0.0))
+    # (1 - sin³) / cos without the cancellation at grazing angles.
+    rest = mu * (1.0 + sine + sine * sine) / (1.0 + sine)
+    g = sine * (np.arccos(np.minimum(mu, 1.0)) - sine * mu) + (2.0 / 3.0) * (sine * rest - sine)
+    scale = 1.0 / (1.0 + C1 * r)
+    return np.asarray(scale + r * scale * g / np.pi)
+
+
+def eon(albedo: ArrayLike, roughness: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
+    """The energy-preserving Oren-Nayar BRDF in 1/sr, without the cosine: shape (..., 3).
+
+    `albedo` in [0, 1], a number or (..., 3), is that of a facet; `roughness` in [0, 1]. Directions are unit vectors in a
+    frame whose normal is +z; zero unless both are above it. `ValueError` outside these ranges.
+    Source: Portsmouth, Kutz and Hill 2025, "EON: a practical energy-preserving rough diffuse BRDF", with its exact albedo.
+    """
+    rho = colour("albedo", albedo, 0.0, 1.0)
+    r = scalar("roughness", roughness, 0.0, 1.0)
+    view, light = directions("v", v), directions("l", l)
+    check_unit("v", view)
+    check_unit("l", light)
+    mu_v, mu_l = view[..., 2:], light[..., 2:]
+    lit = (mu_v > 0.0) & (mu_l > 0.0)
+    mu_v, mu_l = np.maximum(mu_v, 1e-300), np.maximum(mu_l, 1e-300)
+    s = (view[..., :2] * light[..., :2]).sum(axis=-1, keepdims=True)
+    ratio = np.where(s > 0.0, s / np.maximum(mu_v, mu_l), s)
+    scale = 1.0 / (1.0 + C1 * r)
+    single = rho / np.pi * scale * (1.0 + r * ratio)
+    average = scale * (1.0 + C2 * r)
+    # At roughness 0 nothing is lost, and nothing is put back.
+    lost = np.maximum(1.0 - average, 1e-300)
+    multiple_rho = rho * rho * average / (1.0 - rho * (1.0 - average))
+    lost_v = np.maximum(1.0 - fujii_albedo(mu_v, r), 0.0)
+    lost_l = np.maximum(1.0 - fujii_albedo(mu_l, r), 0.0)
+    multiple = np.where(r > 0.0, multiple_rho / np.pi * lost_v * lost_l / lost, 0.0)
+    return np.where(lit, single + multiple, 0.0)

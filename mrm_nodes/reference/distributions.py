@@ -1,0 +1,273 @@
+"""Microfacet distributions as value classes whose methods are the symbols of Heitz 2014.
+
+Directions and normals are unit vectors of shape (..., 3) in a frame whose normal is +z; everything broadcasts.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from . import microsurface as surface
+from .checks import CORRELATIONS, MASKINGS, check_unit, choice, directions, pair, scalar
+from .compiled import Array, Kernel, formula, run
+from .sampling import sample_visible_smith, sample_visible_vcavity
+
+# What `_answer` is asked.
+_D, _LAMBDA, _G1, _G2, _SAMPLE, _PDF = range(6)
+_IN_V, _IN_L, _IN_M, _IN_ALPHA, _IN_RXY, _IN_MEAN = range(6)
+
+
+@formula
+def normal_density(
+    distribution: int, x: float, y: float, z: float, ax: float, ay: float, rxy: float, mx: float, my: float
+) -> float:
+    """D(m) of any distribution, 0 below the horizon."""
+    if z <= 0.0:
+        return 0.0
+    squared = x * x + y * y + z * z
+    if distribution == surface.PHONG:
+        return surface.phong_normals(x, y, z, squared, ax, ay)
+    norm = surface.slope_norm_squared(x, y, z, ax, ay, rxy, mx, my)
+    determinant = ax * ay * math.sqrt(1.0 - rxy * rxy)
+    if distribution == surface.GGX:
+        return surface.ggx_normals(z * z, norm, squared, determinant)
+    return surface.beckmann_normals(z * z, norm, squared, determinant)
+
+
+@formula
+def _smith_lambda(
+    distribution: int, x: float, y: float, z: float, ax: float, ay: float, rxy: float, mx: float, my: float
+) -> float:
+    """Λ (eqs. 83, 86, 96); infinite where the mesosurface is seen from behind."""
+    cosine = z - mx * x - my * y
+    if cosine <= 0.0:
+        return math.inf
+    sine = surface.stretched_sine(x, y, ax, ay, rxy)
+    if distribution == surface.GGX:
+        area = surface.ggx_projected_area(cosine, sine)
+    elif distribution == surface.BECKMANN:
+        area = surface.beckmann_projected_area(cosine, sine)
+    else:
+        area = surface.beckmann_rational_projected_area(cosine, sine)
+    return area / cosine - 1.0
+
+
+@formula
+def _masking(
+    masking: int, value: float, wx: float, wy: float, wz: float, mz: float, wm: float, sine: float
+) -> float:
+    """G1(w, m) (eqs. 43, 49, 56, 59), `value` being Λ(w)."""
+    if wm <= 0.0 or wz <= 0.0:
+        return 0.0
+    if masking == surface.SMITH:
+        return 1.0 / (1.0 + value)
+    if masking == surface.VCAVITY:
+        return surface.vcavity_masking(mz, wz, wm)
+    if masking == surface.IMPLICIT:
+        return wz
+    if masking == surface.KELEMEN:
+        return wz / wm
+    k = surface.schlick_smith_k(sine, wz)
+    return wz / (wz * (1.0 - k) + k)
+
+
+def _answer(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    out = outputs[0]
+    view, light, normal = inputs[_IN_V], inputs[_IN_L], inputs[_IN_M]
+    alpha, correlations, mean = inputs[_IN_ALPHA], inputs[_IN_RXY], inputs[_IN_MEAN]
+    question, distribution, masking, correlation = modes[0], modes[1], modes[2], modes[3]
+    for i in range(start, stop):
+        vx, vy, vz = view[i, 0], view[i, 1], view[i, 2]
+        ax, ay, rxy = alpha[i, 0], alpha[i, 1], correlations[i, 0]
+        mean_x, mean_y = mean[i, 0], mean[i, 1]
+        mx, my, mz = normal[i, 0], normal[i, 1], normal[i, 2]
+        if question == _D:
+            out[i, 0] = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
+            continue
+        if question == _SAMPLE:
+            if masking == surface.VCAVITY:
+                x, y, z, _ = sample_visible_vcavity(
+                    distribution, vx, vy, vz, ax, ay, rxy, light[i, 0], light[i, 1], light[i, 2]
+                )
+            else:
+                x, y, z = sample_visible_smith(
+                    distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y, light[i, 0], light[i, 1]
+                )
+            out[i, 0], out[i, 1], out[i, 2] = x, y, z
+            continue
+        lambda_v = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y)
+        if question == _LAMBDA:
+            out[i, 0] = lambda_v
+            continue
+        vm = vx * mx + vy * my + vz * mz
+        sine_v = surface.stretched_sine(vx, vy, ax, ay, rxy)
+        g1_v = _masking(masking, lambda_v, vx, vy, vz, mz, vm, sine_v)
+        if question == _G1:
+            out[i, 0] = g1_v
+            continue
+        if question == _PDF:
+            # Eq. 16, over the mesosurface's cosine, which is the normal's where slopes are centred.
+            cosine = vz - mean_x * vx - mean_y * vy
+            d = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
+            out[i, 0] = g1_v * max(vm, 0.0) * d / cosine if cosine > 0.0 else 0.0
+            continue
+        lx, ly, lz = light[i, 0], light[i, 1], light[i, 2]
+        across = lz < 0.0
+        turn = -1.0 if across else 1.0
+        lm = turn * (lx * mx + ly * my + lz * mz)
+        lambda_l = _smith_lambda(distribution, turn * lx, turn * ly, turn * lz, ax, ay, rxy, mean_x, mean_y)
+        sine_l = surface.stretched_sine(lx, ly, ax, ay, rxy)
+        g1_l = _masking(masking, lambda_l, turn * lx, turn * ly, turn * lz, mz, lm, sine_l)
+        out[i, 0] = 0.0
+        if g1_v == 0.0 or g1_l == 0.0:
+            continue
+        if masking == surface.VCAVITY:
+            out[i, 0] = max(0.0, g1_v + g1_l - 1.0) if across else min(g1_v, g1_l)
+        elif masking != surface.SMITH:
+            out[i, 0] = g1_v * g1_l
+        elif across:
+            out[i, 0] = (
+                surface.beta_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
+                if correlation == surface.HEIGHT or correlation == surface.HEIGHT_DIRECTION
+                else g1_v * g1_l
+            )
+        elif correlation == surface.HEIGHT:
+            out[i, 0] = surface.height_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
+        elif correlation == surface.SEPARABLE:
+            out[i, 0] = g1_v * g1_l
+        else:
+            decorrelation = surface.ginneken(vx, vy, lx, ly)
+            if correlation == surface.DIRECTION:
+                out[i, 0] = surface.direction_visibility(
+                    1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation
+                )
+            else:
+                out[i, 0] = surface.height_direction_visibility(
+                    1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation
+                )
+    return 0
+
+
+_ANSWER = Kernel(_answer, 6, 1)
+
+
+class Distribution:
+    """A distribution of normals with roughness `ax` along the tangent and `ay` across, both > 0.
+
+    `slope_correlation` in (-1, 1) stretches along other axes (Heitz 88), `mean_slope` (..., 2) is the slope of the
+    mesosurface (94). Parameters are numbers or arrays and broadcast with directions. `ValueError` outside their range.
+    """
+
+    _code = surface.GGX
+
+    def __init__(
+        self,
+        ax: ArrayLike,
+        ay: ArrayLike | None = None,
+        slope_correlation: ArrayLike = 0.0,
+        mean_slope: ArrayLike = 0.0,
+    ) -> None:
+        x = scalar("ax", ax, 0.0, open_low=True)
+        y = x if ay is None else scalar("ay", ay, 0.0, open_low=True)
+        self._alpha = np.concatenate(np.broadcast_arrays(x, y), axis=-1)
+        self._rxy = scalar("slope_correlation", slope_correlation, -1.0, 1.0, open_low=True)
+        if (self._rxy >= 1.0).any():
+            raise ValueError("slope_correlation must be below 1, not 1")
+        self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
+
+    def _ask(
+        self,
+        question: int,
+        v: ArrayLike | None = None,
+        l: ArrayLike | None = None,  # noqa: E741
+        m: ArrayLike | None = None,
+        masking: str = "smith",
+        correlation: str = "height",
+        components: int = 1,
+    ) -> Array:
+        modes = [
+            question,
+            self._code,
+            choice("masking", masking, MASKINGS),
+            choice("correlation", correlation, CORRELATIONS),
+        ]
+        up = np.array([0.0, 0.0, 1.0])
+        arrays = []
+        for name, value in (("v", v), ("l", l), ("m", m)):
+            array = up if value is None else directions(name, value)
+            if not (name == "l" and question == _SAMPLE):
+                check_unit(name, array)
+            arrays.append(array)
+        try:
+            (result,), _ = run(_ANSWER, [*arrays, self._alpha, self._rxy, self._mean], modes, [components])
+        except ValueError as error:
+            raise ValueError(f"shapes do not broadcast: {error}") from None
+        return result if components > 1 else result[..., 0]
+
+    def D(self, m: ArrayLike) -> Array:
+        """Density of normals per steradian and unit of geometric area: ∫ D(m) (m.n) dm = 1. Shape (...)."""
+        return self._ask(_D, m=m)
+
+    def Lambda(self, w: ArrayLike) -> Array:
+        """Smith's Λ of a direction above the mesosurface (eqs. 83, 86, 96), infinite below it. Shape (...)."""
+        return self._ask(_LAMBDA, v=w)
+
+    def G1(self, w: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
+        """Share of facets with normal m that are seen from w. Shape (...).
+
+        "smith" (eq. 43) and "vcavity" (49) are physics. "implicit" (56), "schlick-smith" and "kelemen" (59) belong to
+        no microsurface and fail the white furnace test: they are here to reproduce Heitz's Table 3.
+        """
+        return self._ask(_G1, v=w, m=m, masking=masking)
+
+    def G2(
+        self,
+        v: ArrayLike,
+        l: ArrayLike,  # noqa: E741
+        m: ArrayLike,
+        masking: str = "smith",
+        correlation: str = "height",
+    ) -> Array:
+        """Share of facets with normal m that are seen from both v and l. Shape (...).
+
+        Smith's `correlation` is "height" (eq. 99), "separable" (98), "direction" (100) or "height_direction" (101); with
+        l on the other side than v, height correlation is the Beta function of Λ and direction correlation has no meaning.
+        V-cavities ignore it: min(G1, G1), which is Cook and Torrance's min(1, M, S), and max(0, G1 + G1 - 1) across.
+        """
+        return self._ask(_G2, v=v, l=l, m=m, masking=masking, correlation=correlation)
+
+    def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
+        """Normals drawn from those visible from v, for uniforms u (..., 2), or (..., 3) for V-cavities. Shape (..., 3)."""
+        uniforms = np.asarray(u, dtype=np.float64)
+        needed = 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2
+        if uniforms.ndim == 0 or uniforms.shape[-1] not in (needed, 3):
+            raise ValueError(
+                f"u must have shape (..., {needed}) for masking {masking!r}, not {uniforms.shape}"
+            )
+        if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
+            raise ValueError("u must be in [0, 1]")
+        if uniforms.shape[-1] == 2:
+            uniforms = np.concatenate([uniforms, np.zeros((*uniforms.shape[:-1], 1))], axis=-1)
+        return self._ask(_SAMPLE, v=v, l=uniforms, masking=masking, components=3)
+
+    def pdf_visible(self, v: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
+        """Density of visible normals, G1(v, m) <v, m> D(m) / (v.n) (eq. 16), per steradian. Shape (...)."""
+        return self._ask(_PDF, v=v, m=m, masking=masking)
+
+
+class GGX(Distribution):
+    """The GGX (Trowbridge-Reitz) distribution: D eq. 85, Λ eq. 86."""
+
+
+class Beckmann(Distribution):
+    """The Beckmann distribution: D eq. 82, Λ eq. 83, exact with erf."""
+
+    _code = surface.BECKMANN
+
+
+class BeckmannRational(Distribution):
+    """Beckmann with Walter's rational fit of Λ (below eq. 69), which other renderers use; 0.4 % off in G1."""
+
+    _code = surface.BECKMANN_RATIONAL

@@ -151,18 +151,18 @@ def render(
     from mrm_nodes.regression.files import prepare_folder
     from mrm_nodes.render.images import write_exr, write_png
     from mrm_nodes.render.renderer import render as render_material
+    from mrm_nodes.shadergen import generate_shader
 
     writers = {".exr": write_exr, ".png": write_png}
     if output.suffix.lower() not in writers:
         raise MrmError(f"{output}: unknown image ending {output.suffix or '(none)'}; use .exr or .png")
     prepare_folder(output.parent)
     rendered = render_material(
-        file,
+        generate_shader(file, element=element),
         mesh=mesh,
         camera=camera,
         lights=lights or ("camera",),
         size=parse_size(size),
-        element=element,
         backend=backend,
     )
     writers[output.suffix.lower()](output, rendered.image)

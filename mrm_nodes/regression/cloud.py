@@ -45,6 +45,11 @@ class Cloud:
     seed: int = 0
 
     @property
+    def structure(self) -> tuple[str, str]:
+        """Clouds whose structure is equal share one shader."""
+        return ("cloud", self.node)
+
+    @property
     def name(self) -> str:
         return (
             f"cloud-{self.node.removeprefix('mrm_').removesuffix('_bsdf')}-{self.distribution}-{self.masking}"
@@ -159,7 +164,7 @@ def attributes_of(node: str) -> tuple[str, ...]:
     )
 
 
-def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, Array]]:
+def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, NDArray[Any]]]:
     rng = np.random.default_rng([cloud.seed, zlib.crc32(cloud.name.encode())])
     fixed = material.complete(cloud.node, {"distribution": cloud.distribution, "masking": cloud.masking})
     uniforms = {"distribution": cloud.distribution, "masking": cloud.masking}
@@ -210,7 +215,7 @@ def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, Arra
         }
 
 
-def _judge(points: dict[str, Array]) -> CloudResult:
+def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
     """The verdict over all points, figures by decade of alpha with and without film, and the worst point."""
     bounds = Bounds(points["max_bound"], points["p999_bound"])
     verdict, figures = compare(points["image"], points["reference"], bounds)
@@ -241,7 +246,7 @@ def _judge(points: dict[str, Array]) -> CloudResult:
     )
 
 
-def _by_decade(points: dict[str, Array], error: Array) -> Iterator[dict[str, Any]]:
+def _by_decade(points: dict[str, NDArray[Any]], error: Array) -> Iterator[dict[str, Any]]:
     for low, high in DECADES:
         for film in (False, True):
             inside = (points["alpha"] >= low) & (points["alpha"] < high) & (points["film"] == film)
@@ -276,4 +281,5 @@ def _perpendicular(wanted: Array, axis: Array, rng: np.random.Generator) -> Arra
     # Once more, for what rounding left of the axis in a short vector.
     chosen = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
     chosen = chosen - np.sum(chosen * axis, -1, keepdims=True) * axis
-    return chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
+    unit: Array = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
+    return unit

@@ -87,7 +87,7 @@ def _check(node: str, name: str, spec: Input, value: Value) -> None:
     if spec.type == "string":
         if value not in spec.choices:
             raise MrmError(f"{node}/{name}: unknown value {value}; it is one of {', '.join(spec.choices)}")
-    elif spec.type in CHANNELS and np.size(value) != CHANNELS[spec.type]:  # type: ignore[arg-type]
+    elif spec.type in CHANNELS and np.size(value) != CHANNELS[spec.type]:
         raise MrmError(f"{node}/{name}: {value} is no {spec.type} ({CHANNELS[spec.type]} numbers)")
 
 

@@ -130,15 +130,18 @@ def base_under(*_: Any) -> Array:
 
 
 def _to_frame(frame: Array, direction: Array) -> Array:
-    return np.einsum("nij,nj->ni", frame, direction)
+    local: Array = np.einsum("nij,nj->ni", frame, direction)
+    return local
 
 
 def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    unit: Array = vector / np.linalg.norm(vector, axis=-1, keepdims=True)
+    return unit
 
 
 def _dot(a: Array, b: Array) -> Array:
-    return np.sum(a * b, axis=-1, keepdims=True)
+    product: Array = np.sum(a * b, axis=-1, keepdims=True)
+    return product
 
 
 def _smoothstep(low: Array, high: Array, x: Array) -> Array:

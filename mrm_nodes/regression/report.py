@@ -10,6 +10,7 @@ from typing import Any
 
 import jinja2
 
+from mrm_nodes.regression.cloud import DECADES
 from mrm_nodes.regression.compare import FLOOR, VERDICTS
 from mrm_nodes.regression.files import write_text
 from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
@@ -106,6 +107,7 @@ def page(report: Mapping[str, Any]) -> str:
         skipped=[case for case in cases if case["verdict"] == "skipped"],
         stages={stage: sum(case["seconds"][stage] for case in cases) for stage in STAGES},
         heat={"stops": HEAT_STOPS, "over": HEAT_OVER, "decades": HEAT_DECADES},
+        decades=DECADES,
         floor=FLOOR,
     )
 
@@ -121,9 +123,11 @@ def figure(value: float | None) -> str:
 
 
 def share(value: float | None) -> str:
-    """A share of a bound in percent."""
-    if value is None:
+    """A share of a bound: in percent, or as so many times it."""
+    if value is None or value == float("inf"):
         return "not finite"
+    if value >= 10:
+        return f"{value:.0f} ×"
     return f"{100 * value:.0f} %" if value >= 0.0095 else f"{100 * value:.1g} %"
 
 

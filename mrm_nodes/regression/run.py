@@ -9,7 +9,7 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -89,6 +89,7 @@ def run_suite(
     start = time.perf_counter()
     prepare_folder(folder)
     plan = plan_backends(backend, probe_backends(), required_backends())
+    warm_up()
     total = len(tasks) * (len(plan.drivers) + len(plan.skipped))
     outcomes: list[Outcome] = []
     for name, reason in plan.skipped.items():
@@ -121,24 +122,66 @@ def describe_environment(plan: Plan) -> dict[str, Any]:
 
 
 def _run_backend(tasks: Sequence[Task], folder: Path, backend: str, jobs: int) -> Iterator[Outcome]:
-    """The outcomes of tasks on one backend, as worker processes give them."""
+    """The outcomes of tasks on one backend, as worker processes give them.
+
+    A worker gets tasks whose shaders it has already, as long as there are some. One that dies costs the task
+    that it was at, and is replaced.
+    """
     threads = max(1, (os.cpu_count() or 1) // jobs)
-    # Each worker is started afresh: a GL context does not survive a fork.
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _start_worker, (backend,))
-    with pool:
-        with _environment(LP_NUM_THREADS=str(threads), NUMBA_NUM_THREADS=str(threads)):
-            futures: dict[Future[Outcome], Task] = {
-                pool.submit(_run_task, task, folder): task for task in tasks
-            }
-        try:
-            for future in as_completed(futures):
+    limits = {"LP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
+    waiting = list(tasks)
+    crew = [_Crew(backend) for _ in range(min(jobs, len(waiting)))]
+    running: dict[Future[Outcome], tuple[_Crew, Task]] = {}
+    try:
+        while waiting or running:
+            busy = [member for member, _ in running.values()]
+            for member in [each for each in crew if each not in busy][: len(waiting)]:
+                task = waiting.pop(_next_task(waiting, member, crew))
+                with _environment(limits):
+                    running[member.submit(task, folder)] = (member, task)
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                member, task = running.pop(future)
                 try:
                     yield future.result()
                 except BrokenProcessPool:
-                    yield outcome_of(futures[future], backend, "error", message="the worker process died")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+                    yield outcome_of(task, backend, "error", message="the worker process died")
+                    member.restart()
+    finally:
+        for member in crew:
+            member.stop()
+
+
+class _Crew:
+    """One worker process, and the structures whose shaders it has."""
+
+    def __init__(self, backend: str) -> None:
+        self.backend = backend
+        self.restart()
+
+    def restart(self) -> None:
+        """Start afresh; the process itself starts with the first task."""
+        # A GL context does not survive a fork.
+        context = multiprocessing.get_context("spawn")
+        self.structures: set[Any] = set()
+        self._pool = ProcessPoolExecutor(1, context, _start_worker, (self.backend,))
+
+    def submit(self, task: Task, folder: Path) -> Future[Outcome]:
+        self.structures.add(task.structure)
+        return self._pool.submit(_run_task, task, folder)
+
+    def stop(self) -> None:
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _next_task(waiting: Sequence[Task], member: _Crew, crew: Sequence[_Crew]) -> int:
+    """Index of the task that costs a worker least: of a structure it has, else of one that nobody has."""
+    elsewhere = {structure for each in crew for structure in each.structures} - member.structures
+
+    def cost(index: int) -> int:
+        structure = waiting[index].structure
+        return 0 if structure in member.structures else 2 if structure in elsewhere else 1
+
+    return min(range(len(waiting)), key=cost)
 
 
 _worker: Worker | None = None
@@ -157,7 +200,7 @@ def _run_task(task: Task, folder: Path) -> Outcome:
 
 
 @contextmanager
-def _environment(**variables: str) -> Iterator[None]:
+def _environment(variables: Mapping[str, str]) -> Iterator[None]:
     """Environment variables for the processes started in the block; what the user has set stays."""
     added = {name: value for name, value in variables.items() if name not in os.environ}
     os.environ.update(added)
@@ -166,3 +209,13 @@ def _environment(**variables: str) -> Iterator[None]:
     finally:
         for name in added:
             del os.environ[name]
+
+
+def warm_up() -> None:
+    """Have the evaluator's compiled code in its cache, so that not every worker compiles it."""
+    from mrm_nodes import reference
+
+    up = (0.0, 0.0, 1.0)
+    bsdf = reference.Conductor(1.5, 1.0, 0.5)
+    bsdf.eval(up, up)
+    bsdf.sample(up, (0.5, 0.5, 0.5))

@@ -20,7 +20,7 @@ COLORS = {"pass": "green", "fail": "bold red", "error": "magenta", "undecided": 
 @contextmanager
 def progress(console: Console | None = None) -> Iterator[Callable[[Outcome, int, int], None]]:
     """A function to call with each outcome: it moves the bar, and names each case that did not pass."""
-    console = console or Console(stderr=True, highlight=False)
+    console = console or Console(stderr=True, highlight=False, soft_wrap=True)
     bar = Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=40),

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
@@ -112,7 +112,7 @@ class Worker:
 
     def _run_cloud(self, cloud: Cloud, outcome: Outcome) -> None:
         with _timed(outcome, "generate"):
-            shader = self._shader((cloud.node, "cloud"), cloud.node, attributes=attributes_of(cloud.node))
+            shader = self._shader(cloud.structure, cloud.node, attributes=attributes_of(cloud.node))
         start = time.perf_counter()
         result = run_cloud(cloud, self.renderer, shader)
         outcome.seconds["reference"] += time.perf_counter() - start - result.render_seconds
@@ -177,7 +177,12 @@ class Worker:
 
 
 def reference_points(
-    case: Case, values: Mapping[str, Any], camera: Camera, position: Array, normal: Array, tangent: Array
+    case: Case,
+    values: Mapping[str, Any],
+    camera: Camera,
+    position: ArrayLike,
+    normal: ArrayLike,
+    tangent: ArrayLike,
 ) -> tuple[Array, Bounds]:
     """The reference of n points, `(n, 3)`, and the bounds on the image there."""
     view, frame = shading_frame(position, normal, tangent, camera.position)

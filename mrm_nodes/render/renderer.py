@@ -7,10 +7,9 @@ import math
 import os
 import re
 import time
-from collections import OrderedDict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 import MaterialX as mx
 import moderngl
@@ -22,6 +21,7 @@ from mrm_nodes.render.context import get_context
 from mrm_nodes.render.gbuffer import TARGETS, Stages, mesh_stages, point_stages, sheet_stages
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.recent import Recent
 from mrm_nodes.render.scene import Camera, Framing, Light, parse_camera, parse_light, vector
 from mrm_nodes.render.textures import Sampling, TextureCache, border_color, find_image
 from mrm_nodes.render.uniforms import Uniform, uniforms_of
@@ -35,9 +35,6 @@ POINTS_PER_DRAW = 1 << 20
 _KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS = 64, 16, 2
 _BLACK_UNIT, _FIRST_SHEET_UNIT = 0, 1
 _IDENTITY = tuple(np.eye(4).ravel().tolist())
-
-K = TypeVar("K")
-V = TypeVar("V")
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,22 +61,6 @@ class RenderedImage:
     backend: str
     device: str
     seconds: Mapping[str, float]
-
-
-class _Recent(Generic[K, V]):
-    """The most recently used values; one that has to make room is released."""
-
-    def __init__(self, limit: int, release: Callable[[V], None]) -> None:
-        self._limit, self._release = limit, release
-        self._values: OrderedDict[K, V] = OrderedDict()
-
-    def get(self, key: K, make: Callable[[], V]) -> V:
-        if key not in self._values:
-            while len(self._values) >= self._limit:
-                self._release(self._values.popitem(last=False)[1])
-            self._values[key] = make()
-        self._values.move_to_end(key)
-        return self._values[key]
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,9 +126,9 @@ class Renderer:
         self.backend = self._gl.backend
         self.device = self._gl.renderer
         self._numbers = itertools.count()
-        self._programs: _Recent[Stages, _Program] = _Recent(_KEPT_PROGRAMS, lambda p: p.program.release())
-        self._meshes: _Recent[int, _MeshBuffers] = _Recent(_KEPT_MESHES, _MeshBuffers.release)
-        self._targets: _Recent[tuple[int, int, int], _Target] = _Recent(_KEPT_TARGETS, _Target.release)
+        self._programs: Recent[Stages, _Program] = Recent(_KEPT_PROGRAMS, lambda p: p.program.release())
+        self._meshes: Recent[int, _MeshBuffers] = Recent(_KEPT_MESHES, _MeshBuffers.release)
+        self._targets: Recent[tuple[str, int, int, int], _Target] = Recent(_KEPT_TARGETS, _Target.release)
         self._textures = TextureCache(self._gl)
         with self._gl.ctx as ctx:
             self._black = ctx.texture((1, 1), 4, np.zeros(4, np.float32), dtype="f4")
@@ -188,7 +169,7 @@ class Renderer:
             linked = time.perf_counter()
             self._upload(shader, program, values, view_projection, camera, lights)
             array = self._vertex_array(program, mesh, shader)
-            target = self._begin((width, height), TARGETS, depth_test=True)
+            target = self._begin((width, height), depth_test=True)
             array.render(moderngl.TRIANGLES)
             pixels = [target.read(index)[::-1] for index in range(TARGETS)]
             image, position, normal, tangent = (np.ascontiguousarray(data[..., :3]) for data in pixels)
@@ -276,13 +257,13 @@ class Renderer:
         points = ctx.vertex_array(placing.program, content)
         triangle = ctx.vertex_array(shading.program, [])
         try:
-            target = self._begin(size, placing.sheets or TARGETS, depth_test=False)
+            target = self._begin(size, placing.sheets, role="sheets") if placing.sheets else self._begin(size)
             points.render(moderngl.POINTS, vertices=count)
             if shading is not placing:
                 for index, sheet in enumerate(target.colors):
                     sheet.use(_FIRST_SHEET_UNIT + index)
                 self._black.use(_BLACK_UNIT)
-                target = self._begin(size, TARGETS, depth_test=False)
+                target = self._begin(size)
                 triangle.render(moderngl.TRIANGLES, vertices=3)
             return target
         finally:
@@ -418,7 +399,9 @@ class Renderer:
         path = values[name].path or name
         self._textures.bind(find_image(values[name].value, shader.search_path, path), unit, sampling)
 
-    def _begin(self, size: tuple[int, int], colors: int, *, depth_test: bool) -> _Target:
+    def _begin(
+        self, size: tuple[int, int], colors: int = TARGETS, *, role: str = "image", depth_test: bool = False
+    ) -> _Target:
         """Bind and clear a target, and set every state that a draw depends on."""
         ctx = self._gl.ctx
 
@@ -427,7 +410,8 @@ class Renderer:
             depth = ctx.depth_renderbuffer(size)
             return _Target(textures, depth, ctx.framebuffer(textures, depth))
 
-        target = self._targets.get((*size, colors), make)
+        # The image is drawn from the sheets: they never share a framebuffer.
+        target = self._targets.get((role, *size, colors), make)
         target.framebuffer.use()
         target.framebuffer.clear()
         # Back faces are shaded, nothing is blended.

@@ -16,6 +16,10 @@ Vec3 = tuple[float, float, float]
 
 _WHITE: Vec3 = (1.0, 1.0, 1.0)
 
+#: How many radii away an orthographic camera stands. MaterialX's shaders take the view direction from its
+#: position: far away, it is nearly the same at every pixel.
+ORTHOGRAPHIC_DISTANCE = 1000.0
+
 LIGHT_SYNTAX = "camera[:R,G,B], directional:X,Y,Z[:R,G,B], point:X,Y,Z[:R,G,B] or spot:X,Y,Z:DX,DY,DZ[:R,G,B]"
 CAMERA_SYNTAX = "X,Y,Z[:TX,TY,TZ] or frame:DX,DY,DZ, then any of :fov=DEGREES :width=W :up=X,Y,Z"
 
@@ -279,7 +283,7 @@ class Camera:
         margin = 1.03 * radius
         half_height = math.tan(math.radians(fov) / 2.0)
         narrower = math.atan(half_height * min(aspect, 1.0))
-        distance = margin / math.sin(narrower)
+        distance = ORTHOGRAPHIC_DISTANCE * radius if orthographic else margin / math.sin(narrower)
         position = (center[0] + x * distance, center[1] + y * distance, center[2] + z * distance)
         width = 2.0 * margin * max(aspect, 1.0) if orthographic else None
         # A camera that looks along `up` is turned so that north stays at the top.

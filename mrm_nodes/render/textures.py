@@ -14,6 +14,7 @@ import numpy as np
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render.context import GLContext
 from mrm_nodes.render.images import read_image, read_pixels
+from mrm_nodes.render.recent import Recent
 
 _GL_TEXTURE_2D, _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T, _GL_TEXTURE_BORDER_COLOR = (
     0x0DE1,
@@ -26,6 +27,9 @@ _GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT = 0x812D
 #: By MaterialX's ImageSamplingProperties::AddressMode: constant, clamp, periodic, mirror.
 _WRAPS = (_GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT)
 _CLOSEST = 0
+
+#: More than a program can read at once.
+_KEPT_TEXTURES = 64
 
 #: How moderngl names the number formats that textures keep; every other becomes float32.
 _KEPT_FORMATS = {"uint8": "f1", "float16": "f2", "float32": "f4"}
@@ -54,7 +58,9 @@ class TextureCache:
 
     def __init__(self, context: GLContext) -> None:
         self._context = context
-        self._textures: dict[tuple[str, int, Sampling], moderngl.Texture] = {}
+        self._textures: Recent[tuple[str, int, Sampling], moderngl.Texture] = Recent(
+            _KEPT_TEXTURES, lambda texture: texture.release()
+        )
 
     def bind(self, file: Path, unit: int, sampling: Sampling) -> None:
         """Bind an image to a texture unit.
@@ -65,9 +71,7 @@ class TextureCache:
         if not file.is_file():
             raise MrmError(f"{file}: no such image")
         key = (str(file.resolve()), file.stat().st_mtime_ns, sampling)
-        if key not in self._textures:
-            self._textures[key] = self._upload(file, sampling)
-        self._textures[key].use(unit)
+        self._textures.get(key, lambda: self._upload(file, sampling)).use(unit)
 
     def _upload(self, file: Path, sampling: Sampling) -> moderngl.Texture:
         pixels = read_pixels(file)[:, :, :4]

@@ -202,6 +202,18 @@ def install(folder: Path) -> None:
 
 
 @cli.command()
+@click.argument("folder", type=Path, metavar="DIR")
+def uninstall(folder: Path) -> None:
+    """Remove from DIR/mrm exactly what `install` wrote there."""
+    from mrm_nodes.library import uninstall as uninstall_library
+
+    removed, kept = uninstall_library(folder)
+    click.echo(f"{len(removed)} files removed from {folder / 'mrm'}")
+    for file in kept:
+        click.echo(f"kept {file}: added or changed since the installation")
+
+
+@cli.command()
 @click.argument("file", type=Path)
 @click.option("-o", "--output", type=Path, required=True, help="Document to write.")
 @click.option(

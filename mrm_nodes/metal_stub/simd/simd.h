@@ -1,0 +1,1 @@
+// Metal programs include it beside metal_stdlib; its types are there.

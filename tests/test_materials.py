@@ -1,0 +1,203 @@
+"""The finished materials: valid, generated for every target, and bright with the light at the camera."""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import MaterialX as mx
+import MaterialX.PyMaterialXGenShader as mx_gen_shader
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import mrm_nodes
+from mrm_nodes.errors import MrmError
+from mrm_nodes.library import materials_path
+from mrm_nodes.render import CameraLight, PointLight, RenderedImage, get_context, render
+from mrm_nodes.shadergen import read_document
+
+MATERIALS = sorted(path.stem for path in materials_path().glob("*.mtlx"))
+OUR_NODES = {"mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"}
+DEFINITIONS = mrm_nodes.library_path() / "mrm_defs.mtlx"
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+
+each_material = pytest.mark.parametrize("name", MATERIALS)
+
+
+def file_of(name: str) -> Path:
+    return materials_path() / f"{name}.mtlx"
+
+
+@functools.cache
+def own_document(name: str) -> mx.Document:
+    """The file's own elements, without any library's."""
+    document = mx.createDocument()
+    mx.readFromXmlFile(document, str(file_of(name)))
+    return document
+
+
+def our_node(document: mx.Document) -> mx.Node:
+    (node,) = (node for node in document.getNodes() if node.getCategory() in OUR_NODES)
+    return node
+
+
+def mxvalidate(file: Path) -> str:
+    """What MaterialX's own validator prints; its exit status is 0 whatever it found."""
+    command = [sys.executable, "-m", "MaterialX._scripts.mxvalidate", str(file)]
+    return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
+
+
+def test_there_is_a_material_for_each_use_that_the_readme_names():
+    assert {"hi_vis_tape", "traffic_cone", "road_paint", "chevron_sign", "number_plate"} <= set(MATERIALS)
+
+
+@pytest.mark.parametrize("file", [DEFINITIONS, *map(file_of, MATERIALS)], ids=lambda file: file.stem)
+def test_mxvalidate_calls_it_valid(file: Path):
+    assert mxvalidate(file).startswith(f"{file} is a valid MaterialX document")
+
+
+@pytest.mark.parametrize(
+    ("file", "sound", "broken"),
+    [
+        (file_of("traffic_cone"), 'nodename="traffic_cone_body"', 'nodename="nobody"'),
+        (file_of("road_paint"), 'output="roughness"', 'output="base_color"'),
+        (DEFINITIONS, 'value="0.05, 0.05"', 'value="0.05"'),
+    ],
+    ids=["a node that does not exist", "an output of another type", "one number for two"],
+)
+def test_mxvalidate_rejects_a_broken_copy(tmp_path: Path, file: Path, sound: str, broken: str):
+    text = file.read_text()
+    assert sound in text
+    copy = tmp_path / file.name
+    copy.write_text(text.replace(sound, broken))
+    assert f"{copy} is not a valid MaterialX document" in mxvalidate(copy)
+
+
+@each_material
+def test_it_is_valid_beside_the_loaded_library(name: str):
+    assert read_document(file_of(name)).validate() == (True, "")
+
+
+def test_all_of_them_are_valid_together_with_the_library():
+    document = mrm_nodes.load_library()
+    for name in MATERIALS:
+        material = mx.createDocument()
+        mx.readFromXmlFile(material, str(file_of(name)))
+        document.importLibrary(material)  # skips a name that is taken
+    assert len(document.getMaterialNodes()) == len(MATERIALS)
+    assert sum(node.getCategory() in OUR_NODES for node in document.getNodes()) == len(MATERIALS)
+    assert document.validate() == (True, "")
+
+
+@each_material
+def test_it_has_exactly_one_renderable_of_its_own_name(name: str):
+    renderables = mx_gen_shader.findRenderableElements(read_document(file_of(name)))
+    assert [renderable.getName() for renderable in renderables] == [name]
+
+
+@each_material
+@pytest.mark.parametrize("target", mrm_nodes.supported_targets())
+def test_it_generates_for_every_target(name: str, target: str):
+    assert mrm_nodes.generate_shader(file_of(name), target).pixel
+
+
+@each_material
+def test_one_textured_node_does_it_and_no_image_file(name: str):
+    document = own_document(name)
+    weight = our_node(document).getInput("retroreflectivity")
+    assert weight.hasNodeGraphString()
+    for element in document.traverseTree():
+        assert element.getCategory() != "mix" or element.getType() != "BSDF"
+        assert not (isinstance(element, mx.Input) and element.getType() == "filename")
+
+
+@each_material
+def test_every_public_input_says_what_it_is(name: str):
+    (graph,) = own_document(name).getNodeGraphs()
+    assert graph.getInputs()
+    for each in graph.getInputs():
+        assert each.getAttribute("doc") and each.getAttribute("uiname"), each.getNamePath()
+
+
+@each_material
+def test_the_lobe_is_as_narrow_as_a_retroreflector_s(name: str):
+    """Measured tape has alpha 0.053, and real sheeting goes down to 0.007."""
+    roughness = our_node(own_document(name)).getInput("roughness")
+    if not roughness.hasNodeGraphString():
+        alphas = roughness.getValue()
+        assert 0.005 <= min(alphas[0], alphas[1]) <= 0.1
+
+
+@pytest.fixture(scope="module")
+def gl() -> None:
+    """Skip where there is no OpenGL, unless this machine must have it."""
+    try:
+        get_context("auto")
+    except MrmError as error:
+        if os.environ.get("MRM_REQUIRE_BACKENDS"):
+            raise
+        pytest.skip(str(error))
+
+
+@functools.cache
+def rendered(name: str, degrees: float) -> RenderedImage:
+    """The material on the sphere, with the light so far beside the camera."""
+    size = (128, 128)
+    if degrees == 0.0:
+        return render(file_of(name), lights=CameraLight(), size=size)
+    distance, angle = rendered(name, 0.0).camera.position[2], math.radians(degrees)
+    position = (distance * math.sin(angle), 0.0, distance * math.cos(angle))
+    return render(file_of(name), lights=PointLight(position, decay_rate=0.0), size=size)
+
+
+@functools.cache
+def weight_image(name: str) -> NDArray[Any]:
+    """What the material's pattern gives the node, on the same pixels."""
+    source = our_node(own_document(name)).getInput("retroreflectivity")
+    element = f"{source.getNodeGraphString()}/{source.getOutputString()}"
+    shader = mrm_nodes.generate_shader(file_of(name), element=element)
+    return render(shader, size=(128, 128)).image[..., 0]
+
+
+def view_cosine(seen: RenderedImage) -> NDArray[Any]:
+    view = np.subtract(seen.camera.position, seen.position)
+    return np.sum(view * seen.normal, axis=-1) / np.linalg.norm(view, axis=-1)
+
+
+def mean_luminance(seen: RenderedImage, region: NDArray[np.bool_]) -> float:
+    return float((seen.image[region] @ LUMINANCE).mean())
+
+
+@pytest.mark.usefixtures("gl")
+@each_material
+@pytest.mark.parametrize(("low", "high"), [(0.8, 1.0), (0.4, 0.8)], ids=["facing the camera", "turned away"])
+def test_the_retroreflective_part_blazes_over_all_of_the_visible_surface(name: str, low: float, high: float):
+    at_camera, aside = rendered(name, 0.0), rendered(name, 30.0)
+    cosine, weight = view_cosine(at_camera), weight_image(name)
+    region = at_camera.mask & (weight > 0.5) & (cosine > low) & (cosine <= high)
+    assert region.sum() > 100
+    assert mean_luminance(at_camera, region) > 5.0 * mean_luminance(aside, region)
+
+
+@pytest.mark.usefixtures("gl")
+@each_material
+def test_the_rest_of_the_surface_keeps_its_diffuse_colour(name: str):
+    at_camera, aside = rendered(name, 0.0), rendered(name, 30.0)
+    rest = at_camera.mask & (weight_image(name) < 0.001) & (view_cosine(at_camera) > 0.4)
+    if rest.sum() > 100:
+        assert 0.5 < mean_luminance(at_camera, rest) / mean_luminance(aside, rest) < 3.0
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("name", [name for name in MATERIALS if name != "yellow_tape"])
+def test_it_is_exposed_for_a_light_of_one(name: str):
+    """Bright, but not all of it clipped; the yellow tape is as bright as it was measured."""
+    seen = rendered(name, 0.0)
+    region = seen.mask & (weight_image(name) > 0.5) & (view_cosine(seen) > 0.8)
+    assert 0.5 < np.median(seen.image[region].max(axis=-1)) < 1.0

@@ -170,25 +170,98 @@ def render(
 
 @cli.command()
 @click.argument("file", type=Path)
-@click.option("--target", required=True, help="glsl, essl, vulkan, wgsl, msl, slang, osl or mdl.")
-@click.option("-o", "--output", "folder", type=Path, required=True, help="Folder for the shader's files.")
+@click.option("--target", help="glsl, essl, vulkan, wgsl, msl, slang, osl or mdl; every one if only checked.")
+@click.option("-o", "--output", "folder", type=Path, help="Folder for the shader's files.")
 @click.option("--element", help="Material to generate, where the file has several.")
-def generate(file: Path, target: str, folder: Path, element: str | None) -> None:
-    """Generate a material's shader code and print the files written."""
-    from mrm_nodes.regression.files import prepare_folder, write_text
-    from mrm_nodes.shadergen import generate_shader
+@click.option(
+    "--environment",
+    default="fis",
+    show_default=True,
+    help="Method of environment light: fis, prefilter or none.",
+)
+@click.option(
+    "--libraries", type=Path, help="MaterialX `libraries` folder, in place of the installed MaterialX's."
+)
+@click.option("--check", is_flag=True, help="Compile what is generated, and print a table.")
+@click.option("--strict", is_flag=True, help="Stop where the target ignores an input that the material sets.")
+def generate(
+    file: Path,
+    target: str | None,
+    folder: Path | None,
+    element: str | None,
+    environment: str,
+    libraries: Path | None,
+    check: bool,
+    strict: bool,
+) -> int:
+    """Generate a material's shader code and print the files written, or check it with compilers."""
+    from mrm_nodes import shadergen
 
-    shader = generate_shader(file, target, element)
-    ending = SUFFIXES.get(target, target)
+    if target is None and not check:
+        raise MrmError(f"name a target with --target: {', '.join(shadergen.supported_targets())}")
+    if folder is None and not check:
+        raise MrmError("name a folder for the shader's files with -o, or say --check")
+    targets = shadergen.supported_targets() if target is None else [target]
+    document = shadergen.read_document(file, libraries)
+    _say_what_is_ignored(document, file, targets, environment, libraries, strict)
+    options: dict[str, Any] = {"environment": environment, "libraries": libraries}
+    if folder is not None:
+        from mrm_nodes.regression.files import prepare_folder
+
+        shaders = [shadergen.generate_shader(file, each, element, **options) for each in targets]
+        prepare_folder(folder)
+        for shader in shaders:
+            _write_shader(shader, folder if target else folder / shader.target)
+    return _print_checks(file, targets, element, options) if check else 0
+
+
+def _say_what_is_ignored(
+    document: Any, file: Path, targets: list[str], environment: str, libraries: Path | None, strict: bool
+) -> None:
+    from mrm_nodes import library, limits, shadergen
+
+    ignored = {
+        message: None
+        for target in targets
+        for message in limits.ignored_inputs(
+            document, shadergen.generator_target(target), environment, library.host(libraries)
+        )
+    }
+    if strict and ignored:
+        raise MrmError(f"{file}: {'; '.join(ignored)}")
+    for message in ignored:
+        warnings.warn(f"{file}: {message}", MrmWarning, stacklevel=1)
+
+
+def _write_shader(shader: Any, folder: Path) -> None:
+    from mrm_nodes.regression.files import prepare_folder, write_text
+
+    prepare_folder(folder)
+    ending = SUFFIXES.get(shader.target, shader.target)
     stages = {"vertex": shader.vertex, "pixel": shader.pixel}
     written = {stage: text for stage, text in stages.items() if text}
-    prepare_folder(folder)
     for stage, text in written.items():
         path = folder / (
             f"{shader.name}.{ending}" if len(written) == 1 else f"{shader.name}.{stage}.{ending}"
         )
         write_text(path, text)
         click.echo(path)
+
+
+def _print_checks(file: Path, targets: list[str], element: str | None, options: dict[str, Any]) -> int:
+    from rich.console import Console
+    from rich.table import Table
+
+    from mrm_nodes.compilers import check_material
+
+    checks = [check_material(file, target, element, **options) for target in targets]
+    table = Table("target", "result", "compiler", "complaints")
+    for check in checks:
+        table.add_row(
+            check.target, check.status, check.compiler, "\n".join(check.complaints), end_section=True
+        )
+    Console(markup=False).print(table)
+    return FAILED if any(check.is_fault for check in checks) else 0
 
 
 @cli.command()

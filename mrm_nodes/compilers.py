@@ -247,6 +247,8 @@ def _naga(shader: Shader) -> list[str]:
 def _slang_device() -> Any:
     import slangpy
 
+    # It warns that a CPU has no shader model.
+    slangpy.Logger.get().level = slangpy.LogLevel.error
     return slangpy.Device(type=slangpy.DeviceType.cpu)
 
 

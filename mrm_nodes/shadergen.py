@@ -78,8 +78,23 @@ def _target_name(class_name: str) -> str:
     return {"vk": "vulkan", "vkresourcebinding": "vulkan"}.get(stem, stem)
 
 
-def read_document(path: str | os.PathLike[str]) -> mx.Document:
+def generator_target(target: str) -> str:
+    """Return MaterialX's own name for a target, by which it chooses implementations: `genosl` for `osl`.
+
+    Raises:
+        MrmError: an unknown target.
+    """
+    if target not in _generators():
+        raise MrmError(_unknown("target", target, supported_targets()))
+    return str(_generators()[target].create().getTarget())  # type: ignore[attr-defined]
+
+
+def read_document(
+    path: str | os.PathLike[str], libraries: str | os.PathLike[str] | None = None
+) -> mx.Document:
     """Read a .mtlx file, with MaterialX's standard libraries and ours beside it.
+
+    libraries: a MaterialX `libraries` folder in place of the installed MaterialX's.
 
     Raises:
         MrmError: the file is missing or is not MaterialX.
@@ -92,7 +107,7 @@ def read_document(path: str | os.PathLike[str]) -> mx.Document:
         mx.readFromXmlFile(document, str(file), mx.FileSearchPath(str(file.resolve().parent)))
     except Exception as error:  # MaterialX's own exception types differ between versions
         raise MrmError(f"{file}: not a MaterialX document: {_one_line(error)}") from None
-    document.setDataLibrary(library.shared_library())
+    document.setDataLibrary(library.shared_library(libraries))
     return document
 
 
@@ -104,6 +119,7 @@ def generate_shader(
     environment: str = "fis",
     interface: str = "complete",
     max_lights: int = 4,
+    libraries: str | os.PathLike[str] | None = None,
 ) -> Shader:
     """Generate the shader of one renderable element.
 
@@ -115,6 +131,7 @@ def generate_shader(
         environment: how image light is evaluated in the GLSL family: `fis`, `prefilter` or `none`.
         interface: `complete` makes every input a uniform, `reduced` only those that the document sets.
         max_lights: size of the light array of the GLSL family.
+        libraries: a MaterialX `libraries` folder to use in place of the installed MaterialX's.
 
     Raises:
         MrmError: unreadable document, unknown node, target, element or option, or a value that is no number.
@@ -132,16 +149,20 @@ def generate_shader(
     if isinstance(path_or_document, mx.Document):
         document, where, folder = path_or_document, path_or_document.getSourceUri() or "document", Path()
         if not document.hasDataLibrary() and document.getNodeDef("ND_conductor_bsdf") is None:
-            document.setDataLibrary(library.shared_library())
+            document.setDataLibrary(library.shared_library(libraries))
     else:
-        document, where = read_document(path_or_document), os.fspath(path_or_document)
+        document, where = read_document(path_or_document, libraries), os.fspath(path_or_document)
         folder = Path(path_or_document).resolve().parent
     check_document(document, where)
     renderable = find_renderable(document, where, element)
+    if target == "mdl":
+        path = renderable.getNamePath()
+        document = _without_distributions(document)
+        renderable = document.getDescendant(path)
 
     generator = generator_class.create()  # type: ignore[attr-defined]
     context = mx_gen_shader.GenContext(generator)
-    search_path = library.search_path()
+    search_path = library.search_path(libraries)
     context.registerSourceCodeSearchPath(search_path)
     options = context.getOptions()
     options.hwMaxActiveLightSources = max_lights
@@ -153,17 +174,16 @@ def generate_shader(
     options.fileTextureVerticalFlip = True
     if isinstance(generator, mx_gen_shader.HwShaderGenerator):
         for node, number in LIGHT_TYPES.items():
-            definition = library.shared_library().getNodeDef(f"ND_{node}")
+            definition = library.shared_library(libraries).getNodeDef(f"ND_{node}")
             mx_gen_shader.HwShaderGenerator.bindLightShader(definition, number, context)
 
     name = mx.createValidName(renderable.getNamePath().replace("/", "_"))
     try:
         shader = generator.generate(name, renderable, context)
     except Exception as error:  # MaterialX's own exception types differ between versions
-        raise MrmError(
-            f"{where}: {target} shader of {renderable.getNamePath()}: {_one_line(error)}"
-        ) from None
-    image_path = library.search_path()
+        reason = _without_implementation(document, generator.getTarget()) or _one_line(error)
+        raise MrmError(f"{where}: {target} shader of {renderable.getNamePath()}: {reason}") from None
+    image_path = library.search_path(libraries)
     image_path.prepend(mx.FilePath(str(folder.resolve())))
     return Shader(
         name=name,
@@ -174,6 +194,31 @@ def generate_shader(
         document=document,
         search_path=image_path,
     )
+
+
+def _without_distributions(document: mx.Document) -> mx.Document:
+    """Return a copy in which our nodes leave `distribution` alone.
+
+    MaterialX's MDL generator takes such an input for its own type of that name, which knows ggx only; the
+    portable graphs, which MDL renders, do not use it.
+    """
+    copy = mx.createDocument()
+    copy.copyContentFrom(document)
+    if document.hasDataLibrary():
+        copy.setDataLibrary(document.getDataLibrary())
+    for node in _nodes(copy):
+        if node.getCategory().startswith("mrm_") and node.getType() == "BSDF":
+            node.removeInput("distribution")
+    return copy
+
+
+def _without_implementation(document: mx.Document, target: str) -> str:
+    """Name the first node that a target has no implementation for; empty where each has one."""
+    for node in _nodes(document):
+        definition = node.getNodeDef(target) or node.getNodeDef()
+        if definition is not None and definition.getImplementation(target) is None:
+            return f"node {node.getNamePath()}: {node.getCategory()} has no implementation for this target"
+    return ""
 
 
 def _source(shader: Any, stage: str) -> str:

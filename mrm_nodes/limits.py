@@ -1,0 +1,106 @@
+"""What a target, or a method of evaluating environment light, leaves out of a material."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import MaterialX as mx
+
+from mrm_nodes import library
+from mrm_nodes.host import Host
+
+#: Inputs that only fused code knows, with the value that MaterialX's own nodes stand for.
+_FUSED_ONLY = {"distribution": "ggx", "masking": "smith", "retro_transmission": "false"}
+#: Inputs that MaterialX's environment functions do not know, with the value that they stand for.
+_DIRECT_ONLY = {"distribution": "ggx", "masking": "smith"}
+
+_NODES = frozenset({"mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"})
+
+
+def ignored_inputs(
+    document: mx.Document, generator_target: str, environment: str = "fis", host: Host | None = None
+) -> list[str]:
+    """Name each input of our nodes that a target or an environment method ignores, and what it does instead.
+
+    Args:
+        document: has its data library set.
+        generator_target: MaterialX's own name for the target, such as `genosl`.
+        environment: `fis`, `prefilter` or `none`, for targets of the GLSL family.
+        host: by default that of the installed MaterialX.
+    """
+    rules = host or library.host()
+    found: dict[str, None] = {}
+    nodes = [*document.getNodes(), *(node for graph in _own_graphs(document) for node in graph.getNodes())]
+    for node in nodes:
+        for bsdf, place in _our_bsdfs(node, generator_target, {}):
+            found.update(dict.fromkeys(_ignored_of(bsdf, place, generator_target, environment, rules)))
+    return list(found)
+
+
+def _own_graphs(document: mx.Document) -> list[mx.NodeGraph]:
+    """Return the graphs that are part of the material, not those that implement a definition."""
+    return [graph for graph in document.getNodeGraphs() if not graph.getNodeDefString()]
+
+
+#: By input that is set: the path by which a user knows it, and its value; None where it is connected.
+_Inputs = dict[str, tuple[str, str | None]]
+
+
+def _our_bsdfs(node: mx.Node, target: str, outer: _Inputs) -> Iterator[tuple[mx.Node, _Inputs]]:
+    """Yield each node of ours that a node stands for, with where its inputs are set and to what.
+
+    outer: the same of the graph that the node is part of, by the graph's input.
+    """
+    inputs: _Inputs = {}
+    for given in node.getInputs():
+        interface = given.getInterfaceName()
+        if interface:
+            if interface in outer:
+                inputs[given.getName()] = outer[interface]
+            continue
+        connected = given.getNodeName() or given.getNodeGraphString() or given.getOutputString()
+        inputs[given.getName()] = (given.getNamePath(), None if connected else given.getValueString())
+    if node.getCategory() in _NODES:
+        yield node, inputs
+        return
+    definition = node.getNodeDef(target) or node.getNodeDef()
+    implementation = definition.getImplementation(target) if definition is not None else None
+    if isinstance(implementation, mx.NodeGraph):
+        for inner in implementation.getNodes():
+            yield from _our_bsdfs(inner, target, inputs)
+
+
+def _ignored_of(node: mx.Node, inputs: _Inputs, target: str, environment: str, rules: Host) -> Iterator[str]:
+    definition = node.getNodeDef(target) or node.getNodeDef()
+    implementation = definition.getImplementation(target) if definition is not None else None
+    if isinstance(implementation, mx.NodeGraph):
+        if _is_set(inputs, "retroreflectivity", "0") and target in rules.forward_targets:
+            path, _ = inputs["retroreflectivity"]
+            yield f"{path} is ignored by {target}: it renders the forward lobe only"
+        for name, own in _FUSED_ONLY.items():
+            if _is_set(inputs, name, own):
+                yield f"{inputs[name][0]} is ignored by {target}: it renders {_meaning(name, own)}"
+    elif environment != "none":
+        for name, own in _DIRECT_ONLY.items():
+            if _is_set(inputs, name, own):
+                yield (
+                    f"{inputs[name][0]} is ignored in environment light ({environment}): "
+                    f"MaterialX's own function renders {_meaning(name, own)}"
+                )
+
+
+def _is_set(inputs: _Inputs, name: str, default: str) -> bool:
+    """Whether an input is connected, or has another value than the default."""
+    if name not in inputs:
+        return False
+    value = inputs[name][1]
+    if value is None:
+        return True
+    try:
+        return float(value) != float(default)
+    except ValueError:
+        return value != default
+
+
+def _meaning(name: str, value: str) -> str:
+    return {"retro_transmission": "transmission straight ahead"}.get(name, value)

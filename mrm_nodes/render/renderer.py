@@ -159,7 +159,7 @@ class Renderer:
         if camera is None:
             camera = Framing()
         if isinstance(camera, Framing):
-            camera = camera.camera(mesh.center, mesh.radius, aspect)
+            camera = camera.camera(mesh.center, mesh.radius, aspect, mesh.positions)
         near, far = camera.clip_distances(mesh.center, mesh.radius)
         view_projection = camera.projection_matrix(aspect, near, far) @ camera.view_matrix()
         values = uniforms_of(shader, uniforms)

@@ -260,37 +260,6 @@ class Camera:
         offset = np.subtract(self.target, self.position)
         return np.asarray(offset / np.linalg.norm(offset))
 
-    @classmethod
-    def framing(
-        cls,
-        center: Vec3,
-        radius: float,
-        direction: Vec3 = (0.0, 0.0, 1.0),
-        *,
-        up: Vec3 = (0.0, 1.0, 0.0),
-        fov: float = 45.0,
-        orthographic: bool = False,
-        aspect: float = 1.0,
-    ) -> Camera:
-        """Return the camera that stands in `direction` and has a whole bounding sphere in the picture.
-
-        Args:
-            aspect: width of the picture over its height.
-        """
-        x, y, z = unit_vector(direction, "camera: direction")
-        if not 0.0 < finite(fov, "camera: fov") < 180.0:
-            raise MrmError(f"camera: fov {fov:g} is not between 0 and 180 degrees")
-        margin = 1.03 * radius
-        half_height = math.tan(math.radians(fov) / 2.0)
-        narrower = math.atan(half_height * min(aspect, 1.0))
-        distance = ORTHOGRAPHIC_DISTANCE * radius if orthographic else margin / math.sin(narrower)
-        position = (center[0] + x * distance, center[1] + y * distance, center[2] + z * distance)
-        width = 2.0 * margin * max(aspect, 1.0) if orthographic else None
-        # A camera that looks along `up` is turned so that north stays at the top.
-        if abs(np.dot((x, y, z), unit_vector(up, "camera: up"))) > 1.0 - 1e-9:
-            up = (0.0, 0.0, -1.0) if abs(z) < 0.5 else (0.0, 1.0, 0.0)
-        return cls(position, center, up, fov, width)
-
     def view_matrix(self) -> NDArray[np.float64]:
         """Return the 4 × 4 matrix from world to camera space (it looks along -z), for column vectors."""
         right = np.cross(self._axis, self.up)
@@ -324,24 +293,61 @@ class Camera:
 
 @dataclass(frozen=True)
 class Framing:
-    """A camera still to be placed: it stands in `direction` and has the whole mesh in the picture."""
+    """A camera still to be placed: it stands in `direction` and has the whole mesh in the picture.
+
+    Args:
+        fov: vertical field of view in degrees.
+        orthographic: parallel rays; see ORTHOGRAPHIC_DISTANCE.
+
+    Raises:
+        MrmError: a number that is none or out of range, or a direction of zero length.
+    """
 
     direction: Vec3 = (0.0, 0.0, 1.0)
     up: Vec3 = (0.0, 1.0, 0.0)
     fov: float = 45.0
     orthographic: bool = False
 
-    def camera(self, center: Vec3, radius: float, aspect: float) -> Camera:
-        """Return the camera for a bounding sphere and a picture `aspect` times as wide as high."""
-        return Camera.framing(
-            center,
-            radius,
-            self.direction,
-            up=self.up,
-            fov=self.fov,
-            orthographic=self.orthographic,
-            aspect=aspect,
-        )
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "direction", unit_vector(self.direction, "camera: direction"))
+        up = unit_vector(self.up, "camera: up")
+        # Seen from straight above or below, -z is at the top of the picture; else along z, it is y.
+        if np.linalg.norm(np.cross(self.direction, up)) < 1e-6:
+            up = (0.0, 0.0, -1.0) if abs(self.direction[2]) < 0.5 else (0.0, 1.0, 0.0)
+        object.__setattr__(self, "up", up)
+        if not 0.0 < finite(self.fov, "camera: fov") < 180.0:
+            raise MrmError(f"camera: fov {self.fov:g} is not between 0 and 180 degrees")
+
+    def camera(
+        self, center: Vec3, radius: float, aspect: float, points: NDArray[Any] | None = None
+    ) -> Camera:
+        """Return the camera that looks at `center` and just has everything in the picture.
+
+        Args:
+            radius: of the bounding sphere that is framed where there are no `points`.
+            aspect: width of the picture over its height.
+            points: (n, 3), what is to be seen: framed more tightly than their bounding sphere.
+        """
+        margin = 1.03
+        half_height = math.tan(math.radians(self.fov) / 2.0)
+        half_width = half_height * aspect
+        right = np.cross(self.up, self.direction)
+        right /= np.linalg.norm(right)
+        frame = np.stack([right, np.cross(self.direction, right), self.direction])
+        if points is None:
+            distance = radius / math.sin(math.atan(min(half_height, half_width)))
+            reach_x = reach_y = radius
+        else:
+            x, y, z = frame @ np.subtract(points, center).T
+            x, y = np.abs(x), np.abs(y)
+            distance = float(np.max(z + np.maximum(x / half_width, y / half_height)))
+            reach_x, reach_y = float(x.max()), float(y.max())
+        if self.orthographic:
+            width = 2.0 * margin * max(reach_x, reach_y * aspect)
+            position = np.add(center, ORTHOGRAPHIC_DISTANCE * radius * frame[2])
+            return Camera(vector(position, "camera: position"), center, self.up, self.fov, width)
+        position = np.add(center, margin * distance * frame[2])
+        return Camera(vector(position, "camera: position"), center, self.up, self.fov)
 
 
 def parse_camera(text: str) -> Camera | Framing:

@@ -213,7 +213,7 @@ def install(libraries: str | os.PathLike[str]) -> list[Path]:
     rules = read_host(folder)
     target = folder / INSTALL_NAME
     if target.is_symlink() or target.exists():
-        found = _examine_installation(target)
+        found = None if target.is_symlink() else _examine_installation(target)
         if found is None:
             raise MrmError(f"{target}: exists and was not written by mrm-nodes; move it away first")
         if found.foreign:

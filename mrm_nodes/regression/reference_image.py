@@ -6,6 +6,7 @@ Everything starts from the float32 values that the renderer wrote or was given, 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes import reference as ref
 from mrm_nodes.errors import MrmError
+from mrm_nodes.library import host
 from mrm_nodes.regression.compare import grazing_factor
 from mrm_nodes.regression.material import as_float32
 
@@ -22,7 +24,6 @@ LightData = Mapping[str, Any]
 DIRECTIONAL, POINT, SPOT = 1, 2, 3
 """`LightData.type`, as shader generation numbers MaterialX's light nodes."""
 
-ENERGY_COMPENSATION = "materialx-1.39.5"
 SMALLEST_ALPHA = 1e-8
 """Up to which MaterialX raises a roughness; the largest is 1."""
 
@@ -37,7 +38,7 @@ def evaluator(node: str, values: Mapping[str, Any]) -> Any:
         "retroreflectivity": np.clip(as_float32(values["retroreflectivity"]), 0.0, 1.0),
         "distribution": values["distribution"],
         "masking": values["masking"],
-        "energy_compensation": ENERGY_COMPENSATION,
+        "energy_compensation": host().compensation,
         "thinfilm_thickness": as_float32(values["thinfilm_thickness"]),
         "thinfilm_ior": as_float32(values["thinfilm_ior"]),
     }
@@ -125,8 +126,19 @@ def shade(
     return total * scale, grazing * scale
 
 
-def base_under(*_: Any) -> Array:
-    raise MrmError("layers are not known to the evaluator yet")
+@dataclass(frozen=True)
+class DiffuseBase:
+    """A Lambertian base under a coat of ours: MaterialX's `layer` over its `oren_nayar_diffuse_bsdf`."""
+
+    coat: Any
+    weight: ArrayLike
+    """Of the coat."""
+    color: tuple[float, float, float]
+
+    def eval(self, v: Array, l: Array) -> Array:  # noqa: E741  the field's own name
+        """The base's response per cosine, times what the coat lets through."""
+        through: Array = self.coat.throughput(v, l, as_float32(self.weight))
+        return through * ref.lambert(as_float32(self.color), v, l)
 
 
 def _to_frame(frame: Array, direction: Array) -> Array:

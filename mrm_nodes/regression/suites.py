@@ -12,7 +12,7 @@ from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.regression.worker import Task
 
-CLOUD_PAIRS = tuple(itertools.product(("ggx", "beckmann"), ("smith", "vcavity")))
+CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("phong", "vcavity"))
 CONFIGURATIONS = 1_000_000
 """Random configurations of each node in the default suite."""
 

@@ -18,7 +18,7 @@ from mrm_nodes.regression.cases import Case
 from mrm_nodes.regression.cloud import Cloud, attributes_of, run_cloud
 from mrm_nodes.regression.compare import Bounds, Figures, Verdict, bounds_for, compare, relative_error
 from mrm_nodes.regression.pictures import write_pictures
-from mrm_nodes.regression.reference_image import base_under, evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.reference_image import DiffuseBase, evaluator, shade, shading_frame, white_evaluator
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import RenderedImage, Renderer
@@ -187,10 +187,12 @@ def reference_points(
     """The reference of n points, `(n, 3)`, and the bounds on the image there."""
     view, frame = shading_frame(position, normal, tangent, camera.position)
     points = view, frame, position, [light.data(camera) for light in case.lights]
-    reference, grazing = shade(evaluator(case.node, values), values["weight"], *points)
+    bsdf = evaluator(case.node, values)
+    reference, grazing = shade(bsdf, values["weight"], *points)
     white, _ = shade(white_evaluator(values), values["weight"], *points)
     if case.base is not None:
-        reference = reference + base_under(case.node, values, case.base, *points)
+        base, _ = shade(DiffuseBase(bsdf, values["weight"], case.base), 1.0, *points)
+        reference = reference + base
     alpha = np.clip(material.as_float32(values["roughness"]), 1e-8, 1.0).min(axis=-1)
     film = np.asarray(values["thinfilm_thickness"]) > 0
     return reference, bounds_for(alpha, values["distribution"], reference, grazing, white, film)

@@ -173,6 +173,7 @@ def test_a_client_that_loads_the_whole_folder_has_them(libraries: Path, prefix: 
     generator = mx_gen_glsl.GlslShaderGenerator.create()
     context = mx_gen_shader.GenContext(generator)
     context.registerSourceCodeSearchPath(path)
+    context.getOptions().libraryPrefix = mx.FilePath(prefix)
     shader = generator.generate("shader", document.getMaterialNodes()[0], context)
     assert "mrm_microfacet(" in shader.getSourceCode("pixel")
 

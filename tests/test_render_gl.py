@@ -22,6 +22,7 @@ from mrm_nodes.render import (
     PointLight,
     Renderer,
     SpotLight,
+    baluster,
     get_context,
     plane,
     probe_backends,
@@ -139,6 +140,14 @@ def test_both_backends_draw_the_same():
     assert (a.mask == b.mask).all()
     for name in ("image", "position", "normal", "tangent", "texcoord"):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize("direction", [(0, 0.3, 1), (1, 2, 0), (0.2, -1, 0.3), (-1, 0.1, -0.7)])
+def test_the_baluster_is_closed_all_around(renderer, lambert, direction):
+    drawn = renderer.render(lambert, baluster(), Framing(direction), size=(128, 128))
+    view = drawn.camera.position - drawn.position[drawn.mask]
+    # Silhouettes of a coarse mesh may show an interpolated normal that looks away; an inside would be more.
+    assert (np.sum(view * drawn.normal[drawn.mask], axis=1) < 0.0).mean() < 0.003
 
 
 def test_a_material_that_uses_no_geometry_still_has_its_geometry_drawn(each_renderer):

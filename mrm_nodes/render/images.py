@@ -84,6 +84,8 @@ def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float
 def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str], ending: str) -> None:
     if pixels.ndim == 2:
         pixels = pixels[..., None]
+    if pixels.ndim != 3 or pixels.size == 0:
+        raise MrmError(f"{path}: an array of shape {pixels.shape} is not an image")
     height, width, channels = pixels.shape
     specification = oiio.ImageSpec(
         width, height, channels, oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT

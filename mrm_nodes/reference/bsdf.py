@@ -1,7 +1,7 @@
 """The lobes: conductor, dielectric and generalised Schlick, forward and retroreflective.
 
 A lobe is a small value class: what it is made of, already checked, and four questions (`eval`, `pdf`, `sample`,
-`albedo`). The work is done by the compiled passes of `pipeline`.
+`albedo`). The work is done by the compiled passes of `kernels`.
 """
 
 import functools
@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import block, kernels
 from . import energy_formulas as energy
 from . import microsurface as surface
-from . import pipeline
 from .albedo_fit import COEFFICIENTS, split_sum
 from .checks import (
     COMPENSATIONS,
@@ -100,7 +100,7 @@ class Lobe:
                 "both need a distribution that is symmetric about the normal"
             )
         unphysical = self._masking not in (surface.SMITH, surface.VCAVITY)
-        if unphysical and self._scatter != pipeline.REFLECT:
+        if unphysical and self._scatter != block.REFLECT:
             raise ValueError(
                 f"masking {masking!r} is for reflection only: scatter_mode must be 'R', not {scatter_mode!r}"
             )
@@ -147,7 +147,7 @@ class Lobe:
     ) -> tuple[list[Array], int]:
         modes = list(self._modes)
         for name, value in changed.items():
-            modes[getattr(pipeline, name)] = value
+            modes[getattr(block, name)] = value
         try:
             return run(kernel, [v, second, *self._parameters], modes, components, [self._table])  # type: ignore[arg-type]
         except ValueError as error:
@@ -163,7 +163,7 @@ class Lobe:
         `ValueError` for directions whose length is not 1 to 1e-6, and for shapes that do not broadcast.
         """
         view, light = directions("v", v), directions("l", l)
-        (result,), rejected = self._run(pipeline.EVALUATE, view, light, [3])
+        (result,), rejected = self._run(kernels.EVALUATE, view, light, [3])
         if rejected:
             check_unit("v", view)
             check_unit("l", light)
@@ -175,7 +175,7 @@ class Lobe:
         001 Section 4; in transmission its eq. 5 with ηl², as differentiation with respect to l gives it.
         """
         view, light = directions("v", v), directions("l", l)
-        (result,), rejected = self._run(pipeline.DENSITY, view, light, [1])
+        (result,), rejected = self._run(kernels.DENSITY, view, light, [1])
         if rejected:
             check_unit("v", view)
             check_unit("l", light)
@@ -192,7 +192,7 @@ class Lobe:
         if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
             bad = ~((uniforms >= 0.0) & (uniforms <= 1.0))
             raise ValueError(f"u must be in [0, 1], not {first(uniforms, bad)}")
-        (drawn,), rejected = self._run(pipeline.DRAW, view, uniforms, [8])
+        (drawn,), rejected = self._run(kernels.DRAW, view, uniforms, [8])
         if rejected:
             check_unit("v", view)
         light = np.ascontiguousarray(drawn[..., :3])
@@ -214,19 +214,18 @@ class Lobe:
         nodes = quadrature_nodes(self._distribution, self._masking)
         modes = list(self._modes)
         inputs = [view, np.zeros(3), *self._parameters]
-        (parts,), rejected = run(pipeline.INTEGRATE, inputs, modes, [6], [self._table, nodes])
+        (parts,), rejected = run(kernels.INTEGRATE, inputs, modes, [3], [self._table, nodes])
         if rejected:
             check_unit("v", view)
-        tint = self._parameters[-1]
-        return (parts[..., :3] + parts[..., 3:]) * tint
+        return parts
 
     def _reflectance(self, cosine: Array, scheme: int) -> Array:
         """RGB reflectance from outside at cosines of shape (..., 1)."""
         padded = np.broadcast_to(cosine, (*cosine.shape[:-1], 3))
         modes = list(self._modes)
-        modes[pipeline.COMPENSATION] = scheme
+        modes[block.COMPENSATION] = scheme
         inputs = [np.array([0.0, 0.0, 1.0]), padded, *self._parameters]
-        (result,), _ = run(pipeline.REFLECTANCE, inputs, modes, [3], [self._table])
+        (result,), _ = run(kernels.REFLECTANCE, inputs, modes, [3], [self._table])
         return result
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
@@ -274,7 +273,7 @@ class Lobe:
         albedo = (1.0 - self._retro) * covered(forward) + self._retro * covered(retro)
         if self._kind == SCHLICK:
             albedo = np.broadcast_to(albedo.mean(axis=-1, keepdims=True), albedo.shape)
-        if self._scatter == pipeline.TRANSMIT:
+        if self._scatter == block.TRANSMIT:
             albedo = np.zeros_like(albedo)
         return np.asarray(1.0 - amount * albedo)
 

@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import block
 from . import energy_formulas as energy
 from . import microsurface as surface
-from . import pipeline
 from .compiled import Array
 
 DISTRIBUTIONS = {
@@ -28,7 +28,7 @@ CORRELATIONS = {
     "direction": surface.DIRECTION,
     "height_direction": surface.HEIGHT_DIRECTION,
 }
-SCATTER_MODES = {"R": pipeline.REFLECT, "T": pipeline.TRANSMIT, "RT": pipeline.BOTH}
+SCATTER_MODES = {"R": block.REFLECT, "T": block.TRANSMIT, "RT": block.BOTH}
 COMPENSATIONS = {
     None: energy.NONE,
     "materialx-1.39.5": energy.MATERIALX_1_39_5,

@@ -13,6 +13,7 @@ from . import microsurface as surface
 from .checks import CORRELATIONS, MASKINGS, check_unit, choice, directions, pair, scalar
 from .compiled import Array, Kernel, formula, run
 from .sampling import sample_visible_smith, sample_visible_vcavity
+from .single import projected_area
 
 # What `_answer` is asked.
 _D, _LAMBDA, _G1, _G2, _SAMPLE, _PDF = range(6)
@@ -30,10 +31,9 @@ def normal_density(
     if distribution == surface.PHONG:
         return surface.phong_normals(x, y, z, squared, ax, ay)
     norm = surface.slope_norm_squared(x, y, z, ax, ay, rxy, mx, my)
-    determinant = ax * ay * math.sqrt(1.0 - rxy * rxy)
     if distribution == surface.GGX:
-        return surface.ggx_normals(z * z, norm, squared, determinant)
-    return surface.beckmann_normals(z * z, norm, squared, determinant)
+        return surface.ggx_skewed_normals(z, norm, squared, ax, ay, rxy)
+    return surface.beckmann_normals(z, norm, squared, ax, ay, rxy)
 
 
 @formula
@@ -44,14 +44,8 @@ def _smith_lambda(
     cosine = z - mx * x - my * y
     if cosine <= 0.0:
         return math.inf
-    sine = surface.stretched_sine(x, y, ax, ay, rxy)
-    if distribution == surface.GGX:
-        area = surface.ggx_projected_area(cosine, sine)
-    elif distribution == surface.BECKMANN:
-        area = surface.beckmann_projected_area(cosine, sine)
-    else:
-        area = surface.beckmann_rational_projected_area(cosine, sine)
-    return area / cosine - 1.0
+    squared = surface.stretched_sine_squared(x, y, ax, ay, rxy)
+    return projected_area(distribution, cosine, squared) / cosine - 1.0
 
 
 @formula
@@ -69,8 +63,7 @@ def _masking(
         return wz
     if masking == surface.KELEMEN:
         return wz / wm
-    k = surface.schlick_smith_k(sine, wz)
-    return wz / (wz * (1.0 - k) + k)
+    return wz / surface.schlick_smith_area(wz, sine)
 
 
 def _answer(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
@@ -102,7 +95,7 @@ def _answer(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int
             out[i, 0] = lambda_v
             continue
         vm = vx * mx + vy * my + vz * mz
-        sine_v = surface.stretched_sine(vx, vy, ax, ay, rxy)
+        sine_v = math.sqrt(surface.stretched_sine_squared(vx, vy, ax, ay, rxy))
         g1_v = _masking(masking, lambda_v, vx, vy, vz, mz, vm, sine_v)
         if question == _G1:
             out[i, 0] = g1_v
@@ -118,7 +111,7 @@ def _answer(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int
         turn = -1.0 if across else 1.0
         lm = turn * (lx * mx + ly * my + lz * mz)
         lambda_l = _smith_lambda(distribution, turn * lx, turn * ly, turn * lz, ax, ay, rxy, mean_x, mean_y)
-        sine_l = surface.stretched_sine(lx, ly, ax, ay, rxy)
+        sine_l = math.sqrt(surface.stretched_sine_squared(lx, ly, ax, ay, rxy))
         g1_l = _masking(masking, lambda_l, turn * lx, turn * ly, turn * lz, mz, lm, sine_l)
         out[i, 0] = 0.0
         if g1_v == 0.0 or g1_l == 0.0:

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from .compiled import Array, formula
 
 NONE = 0
@@ -40,10 +42,20 @@ def compensation(fresnel: float, albedo: float) -> float:
     return 1.0 + fresnel * (1.0 - albedo) / albedo
 
 
+# Gauss-Legendre on x = cos², over which 2 cos dcos = dx: pairs of cosine and weight.
+_X, _W = np.polynomial.legendre.leggauss(12)
+AVERAGE_NODES = tuple(
+    (float(math.sqrt(0.5 * (x + 1.0))), float(0.5 * w)) for x, w in zip(_X, _W, strict=True)
+)
+
+
 @formula
 def table_lookup(cosine: float, alpha: float, table: Array) -> float:
-    """Bilinear look-up in a table whose rows are sqrt(n.v) and whose columns are sqrt(alpha), both over [0, 1]."""
-    rows, columns = table.shape
+    """Bilinear look-up of E in sqrt(n.v) (rows) and sqrt(alpha) (columns), both over [0, 1].
+
+    The table has one row more: the average over the hemisphere.
+    """
+    rows, columns = table.shape[0] - 1, table.shape[1]
     x = math.sqrt(min(max(cosine, 0.0), 1.0)) * (rows - 1)
     y = math.sqrt(min(max(alpha, 0.0), 1.0)) * (columns - 1)
     i = min(int(x), rows - 2)
@@ -53,3 +65,23 @@ def table_lookup(cosine: float, alpha: float, table: Array) -> float:
     low = table[i, j] + (table[i, j + 1] - table[i, j]) * y
     high = table[i + 1, j] + (table[i + 1, j + 1] - table[i + 1, j]) * y
     return low + (high - low) * x
+
+
+@formula
+def average_lookup(alpha: float, table: Array) -> float:
+    """E_avg at alpha: the last row of the table."""
+    rows, columns = table.shape[0] - 1, table.shape[1]
+    y = math.sqrt(min(max(alpha, 0.0), 1.0)) * (columns - 1)
+    j = min(int(y), columns - 2)
+    return table[rows, j] + (table[rows, j + 1] - table[rows, j]) * (y - j)
+
+
+@formula
+def multiple_scattering(fresnel: float, average: float) -> float:
+    """F² E / (1 - F (1 - E)), then over 1 - E: the size of Kulla and Conty's term for mean reflectance F and albedo E.
+
+    Source: Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks".
+    """
+    lost = 1.0 - average
+    share = fresnel * fresnel * average / (1.0 - fresnel * lost)
+    return share / max(lost, 1e-12)

@@ -43,24 +43,47 @@ def slope_norm_squared(
 
 
 @formula
-def stretched_sine(x: float, y: float, ax: float, ay: float, correlation: float) -> float:
-    """alpha_o sin θ: the roughness projected on a direction, times its sine (eqs. 80, 93 and 97)."""
-    return math.sqrt(max(ax * ax * x * x + ay * ay * y * y + 2.0 * correlation * ax * ay * x * y, 0.0))
+def stretched_sine_squared(x: float, y: float, ax: float, ay: float, correlation: float) -> float:
+    """alpha_o² sin² θ: the roughness projected on a direction, times its sine, squared (eqs. 80, 93 and 97)."""
+    u = ax * x
+    v = ay * y
+    return max(u * u + v * v + 2.0 * correlation * u * v, 0.0)
 
 
 @formula
-def ggx_normals(z2: float, norm: float, squared_length: float, determinant: float) -> float:
-    """D of GGX (eq. 85) for a normal of any length: `norm` is `slope_norm_squared`, `z2` its z².
+def ggx_normals(x: float, y: float, z: float, squared_length: float, ax: float, ay: float) -> float:
+    """D of GGX (eq. 85) for a normal of any length.
 
-    1 / (π |L| cos⁴ (1 + tan²...)²), in the form that does not cancel when alpha is small.
+    1 / (π ax ay cos⁴ (1 + tan² (cos²/ax² + sin²/ay²))²) over one denominator; sums of squares do not cancel.
     """
-    denominator = z2 + norm
+    area = ax * ay
+    u = x * ay
+    v = y * ax
+    w = z * area
+    q = u * u + v * v + w * w
+    return squared_length * squared_length * (area * area * area) / (math.pi * q * q)
+
+
+@formula
+def ggx_skewed_normals(
+    z: float, norm: float, squared_length: float, ax: float, ay: float, correlation: float
+) -> float:
+    """D of GGX with the slope's norm of eqs. 92 and 95, which is given times z²."""
+    determinant = ax * ay * math.sqrt(1.0 - correlation * correlation)
+    denominator = z * z + norm
     return squared_length * squared_length / (math.pi * determinant * denominator * denominator)
 
 
 @formula
-def beckmann_normals(z2: float, norm: float, squared_length: float, determinant: float) -> float:
-    """D of Beckmann (eq. 82) for a normal of any length; cos⁴ where the extracted eq. 68 prints cos²."""
+def beckmann_normals(
+    z: float, norm: float, squared_length: float, ax: float, ay: float, correlation: float
+) -> float:
+    """D of Beckmann (eq. 82, with eqs. 92 and 95) for a normal of any length: `norm` is the slope's times z².
+
+    cos⁴, where the extracted eq. 68 prints cos².
+    """
+    determinant = ax * ay * math.sqrt(1.0 - correlation * correlation)
+    z2 = z * z
     ratio = squared_length / z2
     return ratio * ratio / (math.pi * determinant) * math.exp(-norm / z2)
 
@@ -83,9 +106,9 @@ def phong_normals(x: float, y: float, z: float, squared_length: float, ax: float
 
 
 @formula
-def ggx_projected_area(cosine: float, sine: float) -> float:
-    """cos θ (1 + Λ), the area of all facets projected on a direction (eqs. 41 and 86): `sine` is stretched."""
-    return 0.5 * (cosine + math.sqrt(cosine * cosine + sine * sine))
+def ggx_projected_area(cosine: float, sine_squared: float) -> float:
+    """cos θ (1 + Λ), the area of all facets projected on a direction (eqs. 41, 86), from its stretched sine²."""
+    return 0.5 * (cosine + math.sqrt(cosine * cosine + sine_squared))
 
 
 @formula
@@ -104,9 +127,10 @@ def beckmann_rational_projected_area(cosine: float, sine: float) -> float:
 
 
 @formula
-def schlick_smith_k(sine: float, cosine: float) -> float:
-    """k of Schlick 1994's rational masking, sqrt(2/π) times the RMS slope alpha_o / sqrt(2)."""
-    return sine / math.sqrt(max(1.0 - cosine * cosine, 1e-300)) / SQRT_PI
+def schlick_smith_area(cosine: float, sine: float) -> float:
+    """cos θ / G1 of Schlick's rational masking (Schlick 1994, eq. 19): k is sqrt(2/π) times the RMS slope."""
+    k = sine / math.sqrt(max(1.0 - cosine * cosine, 1e-300)) / SQRT_PI
+    return cosine * (1.0 - k) + k
 
 
 @formula

@@ -1,0 +1,103 @@
+"""A block of configurations in registers' order, and what a kernel is told beside it.
+
+Inputs are copied, a block at a time, into rows of one scratch array; a pass over the block is then one formula in a
+loop of constant length over rows, which the compiler turns into vector instructions. A row is named by the offset
+of its first element.
+"""
+
+from typing import Any
+
+from .compiled import Array, formula
+
+BLOCK = 128
+
+# Directions as given.
+VX, VY, VZ, LX, LY, LZ = (BLOCK * k for k in range(6))
+# Parameters: colours A, B, C are index and extinction, or f0, f82 and f90; T is the tint.
+AX, AY, RETRO, A0, A1, A2, B0, B1, B2, C0, C1, C2 = (BLOCK * k for k in range(6, 18))
+EXPONENT, FILM, FILM_INDEX, RXY, MX, MY, T0, T1, T2 = (BLOCK * k for k in range(18, 27))
+# v and l as seen from v's side; the selected normal before normalisation, its squared length, its cosines with both.
+SIDE, EX, EY, EZ, GX, GY, GZ, HX, HY, HZ, HH, VH, LH = (BLOCK * k for k in range(27, 40))
+# D; cosines with the mesosurface, stretched sines, projected areas; G2 / (cos v cos l).
+D, CV, CL, SINE_V, SINE_L, AREA_V, AREA_L, VISIBLE = (BLOCK * k for k in range(40, 48))
+# Reflectance or transmittance, the lobe, and the result.
+FR, FG, FB, TR, TG, TB, OR, OG, OB = (BLOCK * k for k in range(48, 57))
+# White albedo at n.v, index of the inside, cosine on the outside of the selected normal.
+ALBEDO, INDEX, OUTER = (BLOCK * k for k in range(57, 60))
+SIZE = BLOCK * 60
+
+# Positions in `modes`.
+KIND, DISTRIBUTION, MASKING, CORRELATION, COMPENSATION, SCATTER, RETRO_TRANSMISSION, SKEWED, FIFTH = range(9)
+REFLECT, TRANSMIT, BOTH = 0, 1, 2
+
+# Positions in `inputs`; tables follow.
+IN_V, IN_L, IN_ALPHA, IN_RETRO, IN_A, IN_B, IN_C, IN_EXPONENT, IN_FILM, IN_FILM_INDEX = range(10)
+IN_RXY, IN_MEAN, IN_TINT, IN_TABLE, IN_NODES = range(10, 15)
+
+# Twice the deviation of a length from 1 is that of its square.
+UNIT_TOLERANCE = 2e-6
+
+
+@formula
+def _load(s: Array, row: int, source: Array, component: int, start: int, count: int, first: bool) -> None:
+    # A value that does not vary stays where the first block put it.
+    if not first and source.strides[0] == 0 and count == BLOCK:
+        return
+    for i in range(count):
+        s[row + i] = source[start + i, component]
+    # Lanes past the end repeat the last configuration.
+    for i in range(count, BLOCK):
+        s[row + i] = source[start + count - 1, component]
+
+
+@formula
+def load(s: Array, inputs: Any, start: int, count: int, first: bool) -> None:
+    """Fill the rows of directions and parameters with `count` configurations from `start` on."""
+    for c in range(3):
+        _load(s, VX + c * BLOCK, inputs[IN_V], c, start, count, first)
+        _load(s, LX + c * BLOCK, inputs[IN_L], c, start, count, first)
+        _load(s, A0 + c * BLOCK, inputs[IN_A], c, start, count, first)
+        _load(s, B0 + c * BLOCK, inputs[IN_B], c, start, count, first)
+        _load(s, C0 + c * BLOCK, inputs[IN_C], c, start, count, first)
+        _load(s, T0 + c * BLOCK, inputs[IN_TINT], c, start, count, first)
+    for c in range(2):
+        _load(s, AX + c * BLOCK, inputs[IN_ALPHA], c, start, count, first)
+        _load(s, MX + c * BLOCK, inputs[IN_MEAN], c, start, count, first)
+    _load(s, RETRO, inputs[IN_RETRO], 0, start, count, first)
+    _load(s, EXPONENT, inputs[IN_EXPONENT], 0, start, count, first)
+    _load(s, FILM, inputs[IN_FILM], 0, start, count, first)
+    _load(s, FILM_INDEX, inputs[IN_FILM_INDEX], 0, start, count, first)
+    _load(s, RXY, inputs[IN_RXY], 0, start, count, first)
+
+
+@formula
+def count_not_unit(s: Array, row: int, count: int) -> int:
+    """How many of the directions in three rows do not have unit length."""
+    bad = 0
+    for i in range(count):
+        x, y, z = s[row + i], s[row + BLOCK + i], s[row + 2 * BLOCK + i]
+        bad += 0 if abs(x * x + y * y + z * z - 1.0) <= UNIT_TOLERANCE else 1
+    return bad
+
+
+@formula
+def store(s: Array, out: Array, row: int, column: int, start: int, count: int) -> None:
+    """Write one row to one column of an output."""
+    for i in range(count):
+        out[start + i, column] = s[row + i]
+
+
+@formula
+def clear(s: Array, row: int) -> None:
+    """Set one row to 0."""
+    for i in range(BLOCK):
+        s[row + i] = 0.0
+
+
+@formula
+def any_positive(s: Array, row: int) -> bool:
+    """Whether a row holds a positive value."""
+    largest = 0.0
+    for i in range(BLOCK):
+        largest += 1.0 if s[row + i] > 0.0 else 0.0
+    return largest > 0.0

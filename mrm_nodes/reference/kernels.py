@@ -1,0 +1,432 @@
+"""The loops over arrays: evaluate, density, draw, integrate, reflectance.
+
+Equation numbers are those of 001, "The Minimal Retroreflective Microfacet Model".
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from . import energy_formulas as energy
+from . import microsurface as surface
+from . import passes
+from .block import (
+    ALBEDO,
+    AX,
+    AY,
+    BLOCK,
+    BOTH,
+    COMPENSATION,
+    DISTRIBUTION,
+    EX,
+    EY,
+    EZ,
+    FB,
+    FG,
+    FR,
+    GZ,
+    HH,
+    HZ,
+    IN_NODES,
+    IN_TABLE,
+    INDEX,
+    KIND,
+    LH,
+    LX,
+    LY,
+    LZ,
+    MASKING,
+    MX,
+    MY,
+    OB,
+    OG,
+    OR,
+    OUTER,
+    REFLECT,
+    RETRO,
+    RETRO_TRANSMISSION,
+    RXY,
+    SCATTER,
+    SIDE,
+    SIZE,
+    T0,
+    T1,
+    T2,
+    TB,
+    TG,
+    TR,
+    TRANSMIT,
+    VH,
+    VISIBLE,
+    VX,
+    VZ,
+    D,
+    any_positive,
+    clear,
+    count_not_unit,
+    load,
+    store,
+)
+from .compiled import Array, Kernel, formula
+from .fresnel import CONDUCTOR
+from .sampling import sample_normal, sample_visible_smith
+from .single import draw_one, scattered
+
+INPUTS = 14
+
+
+@formula
+def _prepare(s: Array, inputs: Any, modes: Any, start: int, count: int, first: bool) -> int:
+    """Load a block and work out what its lobes share; returns how many of v are not of unit length."""
+    load(s, inputs, start, count, first)
+    passes.place(s)
+    passes.indices(s, modes)
+    passes.white_albedo(s, modes, inputs[IN_TABLE])
+    return count_not_unit(s, VX, count)
+
+
+@formula
+def _shares(s: Array) -> tuple[bool, bool]:
+    """Whether any configuration of a block has a forward share, and any a retro share."""
+    least = 0.0
+    for i in range(BLOCK):
+        least += 1.0 if s[RETRO + i] < 1.0 else 0.0
+    return least > 0.0, any_positive(s, RETRO)
+
+
+@formula
+def _reflect(s: Array, modes: Any, retro: bool) -> None:
+    """Add one reflection lobe (eq. 1), times its share of the blend."""
+    passes.reflecting_normal(s)
+    passes.normals(s, modes)
+    passes.visibility(s, modes)
+    passes.reflecting_cosine(s, modes)
+    passes.fresnel(s, modes)
+    for i in range(BLOCK):
+        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
+        lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0 and share > 0.0
+        lobe = 0.25 * share * s[D + i] * s[VISIBLE + i]
+        lobe = lobe if lit else 0.0
+        s[TR + i] = lobe * s[FR + i]
+        s[TG + i] = lobe * s[FG + i]
+        s[TB + i] = lobe * s[FB + i]
+    scheme = modes[COMPENSATION]
+    if scheme == energy.MATERIALX_1_39_5:
+        passes.compensate(s)
+    for i in range(BLOCK):
+        s[OR + i] += s[TR + i]
+        s[OG + i] += s[TG + i]
+        s[OB + i] += s[TB + i]
+
+
+@formula
+def _finish_reflection(s: Array, modes: Any, table: Array) -> None:
+    """The compensations that are the same for both lobes."""
+    scheme = modes[COMPENSATION]
+    if scheme == energy.MATERIALX_1_39_6 or scheme == energy.TURQUIN:
+        passes.typical_reflectance(s, modes)
+        for i in range(BLOCK):
+            s[TR + i] = s[OR + i]
+            s[TG + i] = s[OG + i]
+            s[TB + i] = s[OB + i]
+        passes.compensate(s)
+        for i in range(BLOCK):
+            s[OR + i] = s[TR + i]
+            s[OG + i] = s[TG + i]
+            s[OB + i] = s[TB + i]
+    elif scheme == energy.KULLA_CONTY:
+        passes.multiple_reflectance(s, modes, table)
+        for i in range(BLOCK):
+            lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0
+            other = energy.table_lookup(s[GZ + i], math.sqrt(s[AX + i] * s[AY + i]), table)
+            lost = (1.0 - s[ALBEDO + i]) * (1.0 - other) / math.pi if lit else 0.0
+            s[OR + i] += lost * s[TR + i]
+            s[OG + i] += lost * s[TG + i]
+            s[OB + i] += lost * s[TB + i]
+
+
+@formula
+def _refract(s: Array, modes: Any, retro: bool) -> None:
+    """Add one transmission lobe (eq. 2), times its share."""
+    passes.refracting_normal(s)
+    passes.normals(s, modes)
+    passes.visibility_across(s, modes)
+    passes.transmittance(s, modes)
+    for i in range(BLOCK):
+        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
+        share = share if modes[RETRO_TRANSMISSION] != 0 else 1.0
+        near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
+        # (ηv v.h + ηl l.h)² is the squared length of the vector that h was normalised from.
+        lobe = share * s[D + i] * s[VISIBLE + i] * s[VH + i] * s[LH + i] * near * near / s[HH + i]
+        lobe = lobe if _refracts(s, i) and share > 0.0 else 0.0
+        s[OR + i] += lobe * s[FR + i]
+        s[OG + i] += lobe * s[FG + i]
+        s[OB + i] += lobe * s[FB + i]
+
+
+@formula
+def _refracts(s: Array, i: int) -> bool:
+    """Whether l is across, both directions face the normal, and the index is not 1, where refraction is a delta."""
+    facing = s[VH + i] > 0.0 and s[LH + i] > 0.0 and s[HZ + i] > 0.0
+    return s[EZ + i] > 0.0 and s[GZ + i] < 0.0 and facing and s[INDEX + i] != 1.0
+
+
+@formula
+def _any_across(s: Array) -> bool:
+    found = 0.0
+    for i in range(BLOCK):
+        found += 1.0 if s[GZ + i] < 0.0 else 0.0
+    return found > 0.0
+
+
+@formula
+def _hide_inside(s: Array, modes: Any) -> None:
+    """Nothing comes out of a conductor."""
+    if modes[KIND] == CONDUCTOR:
+        for i in range(BLOCK):
+            visible = s[VZ + i] > 0.0
+            s[OR + i] = s[OR + i] if visible else 0.0
+            s[OG + i] = s[OG + i] if visible else 0.0
+            s[OB + i] = s[OB + i] if visible else 0.0
+
+
+def evaluate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    """f(v, l) of the whole lobe into `outputs[0]`; returns how many directions were not of unit length."""
+    s = np.empty(SIZE)
+    out = outputs[0]
+    rejected = 0
+    for begin in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - begin)
+        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        rejected += count_not_unit(s, LX, count)
+        for c in range(3):
+            clear(s, OR + c * BLOCK)
+        if modes[MASKING] != surface.VCAVITY:
+            passes.areas(s, modes)
+        forward, retro = _shares(s)
+        if modes[SCATTER] != TRANSMIT:
+            for lobe in range(2):
+                if lobe == 1:
+                    passes.turn(s)
+                if (retro and lobe == 1) or (forward and lobe == 0):
+                    _reflect(s, modes, lobe == 1)
+            passes.turn(s)
+            _finish_reflection(s, modes, inputs[IN_TABLE])
+        if modes[SCATTER] != REFLECT and _any_across(s):
+            turned = modes[RETRO_TRANSMISSION] != 0
+            for lobe in range(2):
+                if lobe == 1:
+                    passes.turn(s)
+                if (turned and retro and lobe == 1) or ((forward or not turned) and lobe == 0):
+                    _refract(s, modes, lobe == 1)
+        _hide_inside(s, modes)
+        for c in range(3):
+            for i in range(BLOCK):
+                s[OR + c * BLOCK + i] *= s[T0 + c * BLOCK + i]
+        for i in range(count):
+            out[begin + i, 0] = s[OR + i]
+            out[begin + i, 1] = s[OG + i]
+            out[begin + i, 2] = s[OB + i]
+    return rejected
+
+
+EVALUATE = Kernel(evaluate, INPUTS, 1)
+
+
+@formula
+def _reflection_density(s: Array, modes: Any, retro: bool) -> None:
+    """Add the density of l where a visible normal reflects v (Section 4, with the Jacobian of eq. 4)."""
+    passes.reflecting_normal(s)
+    passes.normals(s, modes)
+    passes.visible_density(s, modes)
+    both = modes[SCATTER] == BOTH
+    if both:
+        passes.reflecting_cosine(s, modes)
+        passes.fresnel(s, modes)
+    for i in range(BLOCK):
+        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
+        lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0 and share > 0.0
+        chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if both else 1.0
+        density = 0.25 * share * chance * s[VISIBLE + i]
+        s[OR + i] += density if lit else 0.0
+
+
+@formula
+def _refraction_density(s: Array, modes: Any, retro: bool) -> None:
+    """Add the density of l where a visible normal refracts v: the Jacobian is eq. 5 with ηl² above."""
+    passes.refracting_normal(s)
+    passes.normals(s, modes)
+    passes.visible_density(s, modes)
+    both = modes[SCATTER] == BOTH
+    if both:
+        passes.transmittance(s, modes)
+    for i in range(BLOCK):
+        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
+        share = share if modes[RETRO_TRANSMISSION] != 0 else 1.0
+        far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
+        chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if both else 1.0
+        density = share * chance * s[VISIBLE + i] * s[VH + i] * s[LH + i] * far * far / s[HH + i]
+        s[OR + i] += density if _refracts(s, i) and share > 0.0 else 0.0
+
+
+def density(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    """The density per steradian of what `draw` draws, into `outputs[0]`; returns as `evaluate` does."""
+    s = np.empty(SIZE)
+    rejected = 0
+    for begin in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - begin)
+        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        rejected += count_not_unit(s, LX, count)
+        clear(s, OR)
+        if modes[MASKING] != surface.VCAVITY:
+            passes.areas(s, modes)
+        forward, retro = _shares(s)
+        if modes[SCATTER] != TRANSMIT:
+            for lobe in range(2):
+                if lobe == 1:
+                    passes.turn(s)
+                if (retro and lobe == 1) or (forward and lobe == 0):
+                    _reflection_density(s, modes, lobe == 1)
+            passes.turn(s)
+        if modes[SCATTER] != REFLECT and _any_across(s):
+            turned = modes[RETRO_TRANSMISSION] != 0
+            for lobe in range(2):
+                if lobe == 1:
+                    passes.turn(s)
+                if (turned and retro and lobe == 1) or ((forward or not turned) and lobe == 0):
+                    _refraction_density(s, modes, lobe == 1)
+        if modes[COMPENSATION] == energy.KULLA_CONTY and modes[SCATTER] != TRANSMIT:
+            for i in range(BLOCK):
+                lost = 1.0 - s[ALBEDO + i]
+                lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0
+                diffuse = lost * s[GZ + i] / math.pi
+                s[OR + i] = (1.0 - lost) * s[OR + i] + (diffuse if lit else 0.0)
+        _hide_inside(s, modes)
+        store(s, outputs[0], OR, 0, begin, count)
+    return rejected
+
+
+DENSITY = Kernel(density, INPUTS, 1)
+
+
+def draw(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    """Directions for the uniforms in `inputs[IN_L]`: the columns of `draw_one`."""
+    s = np.empty(SIZE)
+    rejected = 0
+    for begin in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - begin)
+        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        for i in range(count):
+            draw_one(s, i, modes, s[LX + i], s[LY + i], s[LZ + i], outputs[0], begin + i)
+    return rejected
+
+
+DRAW = Kernel(draw, INPUTS, 1)
+
+
+@formula
+def _integrate_one(
+    s: Array, i: int, modes: Any, nodes: Array
+) -> tuple[float, float, float, float, float, float]:
+    """RGB reflected and transmitted, averaged over the normals that are seen from v."""
+    r0 = r1 = r2 = t0 = t1 = t2 = 0.0
+    ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
+    side = s[SIDE + i]
+    if ez - s[MX + i] * ex - s[MY + i] * ey <= 0.0 or (modes[KIND] == CONDUCTOR and side < 0.0):
+        return r0, r1, r2, t0, t1, t2
+    boost = 0.0
+    if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
+        boost = (1.0 - s[ALBEDO + i]) / s[ALBEDO + i]
+    for k in range(nodes.shape[0]):
+        u0, u1, weight = nodes[k, 0], nodes[k, 1], nodes[k, 2]
+        if modes[MASKING] == surface.VCAVITY:
+            mx, my, mz = sample_normal(modes[DISTRIBUTION], s[AX + i], s[AY + i], s[RXY + i], u0, u1)
+            length = math.sqrt(mx * mx + my * my + mz * mz)
+            mx, my, mz = mx / length, my / length, mz / length
+            # The nodes hold both facets of each cavity, so each stands for itself by how much of it is seen.
+            cosine = max(ex * mx + ey * my + ez * mz, 0.0)
+            other = max(-ex * mx - ey * my + ez * mz, 0.0)
+            weight *= 2.0 * cosine / (cosine + other) if cosine > 0.0 else 0.0
+        else:
+            mx, my, mz = sample_visible_smith(
+                modes[DISTRIBUTION],
+                ex,
+                ey,
+                ez,
+                s[AX + i],
+                s[AY + i],
+                s[RXY + i],
+                s[MX + i],
+                s[MY + i],
+                u0,
+                u1,
+            )
+        red, green, blue, reflected, transmitted = scattered(s, i, modes, ex, ey, ez, side, mx, my, mz)
+        r0 += weight * reflected * red * (1.0 + red * boost)
+        r1 += weight * reflected * green * (1.0 + green * boost)
+        r2 += weight * reflected * blue * (1.0 + blue * boost)
+        t0 += weight * transmitted * (1.0 - red)
+        t1 += weight * transmitted * (1.0 - green)
+        t2 += weight * transmitted * (1.0 - blue)
+    return r0, r1, r2, t0, t1, t2
+
+
+def integrate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    """The share of energy that is reflected and transmitted, before the tint; `inputs[IN_NODES]` is the quadrature."""
+    s = np.empty(SIZE)
+    out = outputs[0]
+    rejected = 0
+    table = inputs[IN_TABLE]
+    for begin in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - begin)
+        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        for i in range(count):
+            parts = _integrate_one(s, i, modes, inputs[IN_NODES])
+            s[OR + i], s[OG + i], s[OB + i] = parts[0], parts[1], parts[2]
+            out[begin + i, 0], out[begin + i, 1], out[begin + i, 2] = parts[3], parts[4], parts[5]
+        if modes[SCATTER] != TRANSMIT:
+            # The term of Kulla and Conty reflects into every direction what it takes from v.
+            for i in range(BLOCK):
+                s[GZ + i] = 1.0
+            if modes[COMPENSATION] == energy.KULLA_CONTY:
+                passes.multiple_reflectance(s, modes, table)
+                for i in range(BLOCK):
+                    average = energy.average_lookup(math.sqrt(s[AX + i] * s[AY + i]), table)
+                    lost = (1.0 - s[ALBEDO + i]) * (1.0 - average)
+                    lost = lost if s[EZ + i] > 0.0 else 0.0
+                    s[OR + i] += lost * s[TR + i]
+                    s[OG + i] += lost * s[TG + i]
+                    s[OB + i] += lost * s[TB + i]
+            else:
+                _finish_reflection(s, modes, table)
+        _hide_inside(s, modes)
+        for i in range(count):
+            out[begin + i, 0] = (out[begin + i, 0] + s[OR + i]) * s[T0 + i]
+            out[begin + i, 1] = (out[begin + i, 1] + s[OG + i]) * s[T1 + i]
+            out[begin + i, 2] = (out[begin + i, 2] + s[OB + i]) * s[T2 + i]
+    return rejected
+
+
+INTEGRATE = Kernel(integrate, INPUTS + 1, 1)
+
+
+def reflectance(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    """RGB reflectance from outside at the cosines in `inputs[IN_L]`; the average that 1.39.6 uses for its mode."""
+    s = np.empty(SIZE)
+    for begin in range(start, stop, BLOCK):
+        count = min(BLOCK, stop - begin)
+        load(s, inputs, begin, count, begin == start)
+        passes.indices(s, modes)
+        if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
+            passes.typical_reflectance(s, modes)
+        else:
+            for i in range(BLOCK):
+                s[OUTER + i] = s[LX + i]
+            passes.fresnel(s, modes)
+        for c in range(3):
+            store(s, outputs[0], FR + c * BLOCK, c, begin, count)
+    return 0
+
+
+REFLECTANCE = Kernel(reflectance, INPUTS, 1)

@@ -1,0 +1,454 @@
+"""The passes: each equation of the model over a block.
+
+Equation numbers without a paper are those of Heitz 2014; 001 is "The Minimal Retroreflective Microfacet Model".
+"""
+
+import math
+from typing import Any
+
+from . import energy_formulas as energy
+from . import microsurface as surface
+from .block import (
+    A0,
+    A1,
+    A2,
+    ALBEDO,
+    AREA_L,
+    AREA_V,
+    AX,
+    AY,
+    B0,
+    B1,
+    B2,
+    BLOCK,
+    C0,
+    C1,
+    C2,
+    CL,
+    COMPENSATION,
+    CORRELATION,
+    CV,
+    DISTRIBUTION,
+    EX,
+    EXPONENT,
+    EY,
+    EZ,
+    FB,
+    FG,
+    FIFTH,
+    FILM,
+    FILM_INDEX,
+    FR,
+    GX,
+    GY,
+    GZ,
+    HH,
+    HX,
+    HY,
+    HZ,
+    INDEX,
+    KIND,
+    LH,
+    LX,
+    LY,
+    LZ,
+    MASKING,
+    MX,
+    MY,
+    OUTER,
+    RXY,
+    SIDE,
+    SINE_L,
+    SINE_V,
+    SKEWED,
+    TB,
+    TG,
+    TR,
+    VH,
+    VISIBLE,
+    VX,
+    VY,
+    VZ,
+    D,
+    any_positive,
+)
+from .compiled import Array, formula
+from .energy_formulas import compensation, rational_albedo
+from .fresnel import (
+    CONDUCTOR,
+    DIELECTRIC,
+    SCHLICK,
+    conductor_reflectance,
+    dielectric_reflectance,
+    dielectric_transmittance,
+    index_from_f0,
+    schlick_reflectance,
+    schlick_reflectance_5,
+)
+from .thinfilm import film_reflectance
+
+
+@formula
+def place(s: Array) -> None:
+    """Both directions as seen from v's side.
+
+    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their distribution.
+    """
+    for i in range(BLOCK):
+        side = 1.0 if s[VZ + i] >= 0.0 else -1.0
+        s[SIDE + i] = side
+        s[EX + i] = side * s[VX + i]
+        s[EY + i] = side * s[VY + i]
+        s[EZ + i] = side * s[VZ + i]
+        s[GX + i] = side * s[LX + i]
+        s[GY + i] = side * s[LY + i]
+        s[GZ + i] = side * s[LZ + i]
+
+
+@formula
+def turn(s: Array) -> None:
+    """v' = reflect(v, n) for v (001 eq. 3), or back."""
+    for i in range(BLOCK):
+        s[EX + i] = -s[EX + i]
+        s[EY + i] = -s[EY + i]
+
+
+@formula
+def reflecting_normal(s: Array) -> None:
+    """h_r of v and l; the back vector where v is v' (001 eq. 3)."""
+    for i in range(BLOCK):
+        x = s[EX + i] + s[GX + i]
+        y = s[EY + i] + s[GY + i]
+        z = s[EZ + i] + s[GZ + i]
+        hh = x * x + y * y + z * z
+        s[HX + i] = x
+        s[HY + i] = y
+        s[HZ + i] = z
+        s[HH + i] = hh
+        # Half the length of v + l is the cosine with either.
+        s[VH + i] = 0.5 * math.sqrt(hh)
+
+
+@formula
+def refracting_normal(s: Array) -> None:
+    """h_t = -(ηv v + ηl l), turned to the near side (001, above eq. 2), and its cosines with both directions."""
+    for i in range(BLOCK):
+        near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
+        far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
+        x = near * s[EX + i] + far * s[GX + i]
+        y = near * s[EY + i] + far * s[GY + i]
+        z = near * s[EZ + i] + far * s[GZ + i]
+        up = 1.0 if z >= 0.0 else -1.0
+        x, y, z = up * x, up * y, up * z
+        hh = x * x + y * y + z * z
+        s[HX + i] = x
+        s[HY + i] = y
+        s[HZ + i] = z
+        s[HH + i] = hh
+        length = math.sqrt(hh) if hh > 0.0 else 1.0
+        s[VH + i] = (x * s[EX + i] + y * s[EY + i] + z * s[EZ + i]) / length
+        s[LH + i] = -(x * s[GX + i] + y * s[GY + i] + z * s[GZ + i]) / length
+
+
+@formula
+def normals(s: Array, modes: Any) -> None:
+    """D at the selected normal."""
+    distribution = modes[DISTRIBUTION]
+    if distribution == surface.PHONG:
+        for i in range(BLOCK):
+            s[D + i] = surface.phong_normals(s[HX + i], s[HY + i], s[HZ + i], s[HH + i], s[AX + i], s[AY + i])
+    elif distribution == surface.GGX and modes[SKEWED] == 0:
+        for i in range(BLOCK):
+            s[D + i] = surface.ggx_normals(s[HX + i], s[HY + i], s[HZ + i], s[HH + i], s[AX + i], s[AY + i])
+    elif distribution == surface.GGX:
+        for i in range(BLOCK):
+            norm = surface.slope_norm_squared(
+                s[HX + i], s[HY + i], s[HZ + i], s[AX + i], s[AY + i], s[RXY + i], s[MX + i], s[MY + i]
+            )
+            s[D + i] = surface.ggx_skewed_normals(
+                s[HZ + i], norm, s[HH + i], s[AX + i], s[AY + i], s[RXY + i]
+            )
+    else:
+        for i in range(BLOCK):
+            norm = surface.slope_norm_squared(
+                s[HX + i], s[HY + i], s[HZ + i], s[AX + i], s[AY + i], s[RXY + i], s[MX + i], s[MY + i]
+            )
+            s[D + i] = surface.beckmann_normals(s[HZ + i], norm, s[HH + i], s[AX + i], s[AY + i], s[RXY + i])
+
+
+@formula
+def areas(s: Array, modes: Any) -> None:
+    """Cosines with the mesosurface (Section 5.5) and projected areas (eq. 41), of v and of l or, below, of -l.
+
+    Turning v about the normal changes none of them unless slopes are shifted, and then there is no retro lobe.
+    """
+    for i in range(BLOCK):
+        up = 1.0 if s[GZ + i] >= 0.0 else -1.0
+        s[CV + i] = s[EZ + i] - s[MX + i] * s[EX + i] - s[MY + i] * s[EY + i]
+        s[CL + i] = up * (s[GZ + i] - s[MX + i] * s[GX + i] - s[MY + i] * s[GY + i])
+        s[SINE_V + i] = surface.stretched_sine_squared(s[EX + i], s[EY + i], s[AX + i], s[AY + i], s[RXY + i])
+        s[SINE_L + i] = surface.stretched_sine_squared(s[GX + i], s[GY + i], s[AX + i], s[AY + i], s[RXY + i])
+    distribution = modes[DISTRIBUTION]
+    if distribution == surface.BECKMANN:
+        for i in range(BLOCK):
+            s[AREA_V + i] = surface.beckmann_projected_area(s[CV + i], math.sqrt(s[SINE_V + i]))
+            s[AREA_L + i] = surface.beckmann_projected_area(s[CL + i], math.sqrt(s[SINE_L + i]))
+    elif distribution == surface.BECKMANN_RATIONAL:
+        for i in range(BLOCK):
+            s[AREA_V + i] = surface.beckmann_rational_projected_area(s[CV + i], math.sqrt(s[SINE_V + i]))
+            s[AREA_L + i] = surface.beckmann_rational_projected_area(s[CL + i], math.sqrt(s[SINE_L + i]))
+    else:
+        for i in range(BLOCK):
+            s[AREA_V + i] = surface.ggx_projected_area(s[CV + i], s[SINE_V + i])
+            s[AREA_L + i] = surface.ggx_projected_area(s[CL + i], s[SINE_L + i])
+
+
+@formula
+def _off_the_normal(s: Array) -> None:
+    """The lit area is the mesosurface's; the caller's cosine is the geometric surface's (Section 5.5)."""
+    for i in range(BLOCK):
+        lit = s[CV + i] > 0.0 and s[CL + i] > 0.0
+        s[VISIBLE + i] = s[VISIBLE + i] * s[CL + i] / abs(s[GZ + i]) if lit else 0.0
+
+
+@formula
+def visibility(s: Array, modes: Any) -> None:
+    """G2 / (cos v cos l) where v and l are on one side."""
+    masking, correlation = modes[MASKING], modes[CORRELATION]
+    if masking == surface.VCAVITY:
+        for i in range(BLOCK):
+            hz = s[HZ + i] / math.sqrt(s[HH + i])
+            g = surface.vcavity_masking(hz, min(s[EZ + i], s[GZ + i]), s[VH + i])
+            s[VISIBLE + i] = g / (s[EZ + i] * s[GZ + i])
+    elif masking == surface.IMPLICIT:
+        for i in range(BLOCK):
+            s[VISIBLE + i] = 1.0
+    elif masking == surface.KELEMEN:
+        for i in range(BLOCK):
+            s[VISIBLE + i] = 1.0 / (s[VH + i] * s[VH + i])
+    elif masking == surface.SCHLICK_SMITH:
+        for i in range(BLOCK):
+            v = surface.schlick_smith_area(s[EZ + i], math.sqrt(s[SINE_V + i]))
+            l = surface.schlick_smith_area(s[GZ + i], math.sqrt(s[SINE_L + i]))  # noqa: E741
+            s[VISIBLE + i] = 1.0 / (v * l)
+    elif correlation == surface.HEIGHT:
+        for i in range(BLOCK):
+            s[VISIBLE + i] = surface.height_visibility(s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i])
+    elif correlation == surface.SEPARABLE:
+        for i in range(BLOCK):
+            s[VISIBLE + i] = surface.separable_visibility(s[AREA_V + i], s[AREA_L + i])
+    elif correlation == surface.DIRECTION:
+        for i in range(BLOCK):
+            apart = surface.ginneken(s[EX + i], s[EY + i], s[GX + i], s[GY + i])
+            s[VISIBLE + i] = surface.direction_visibility(
+                s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i], apart
+            )
+    else:
+        for i in range(BLOCK):
+            apart = surface.ginneken(s[EX + i], s[EY + i], s[GX + i], s[GY + i])
+            s[VISIBLE + i] = surface.height_direction_visibility(
+                s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i], apart
+            )
+    if modes[SKEWED] != 0 and masking == surface.SMITH:
+        _off_the_normal(s)
+
+
+@formula
+def visibility_across(s: Array, modes: Any) -> None:
+    """G2 / (cos v cos l) where v and l are on opposite sides."""
+    correlation = modes[CORRELATION]
+    if modes[MASKING] == surface.VCAVITY:
+        for i in range(BLOCK):
+            hz = s[HZ + i] / math.sqrt(s[HH + i])
+            gv = surface.vcavity_masking(hz, s[EZ + i], s[VH + i])
+            gl = surface.vcavity_masking(hz, abs(s[GZ + i]), s[LH + i])
+            s[VISIBLE + i] = max(0.0, gv + gl - 1.0) / (s[EZ + i] * abs(s[GZ + i]))
+        return
+    if correlation == surface.HEIGHT or correlation == surface.HEIGHT_DIRECTION:
+        for i in range(BLOCK):
+            # Three logarithms of the Gamma function: not for lanes that reflect.
+            across = s[GZ + i] < 0.0 and s[CV + i] > 0.0 and s[CL + i] > 0.0
+            s[VISIBLE + i] = (
+                surface.beta_visibility(s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i]) if across else 0.0
+            )
+    else:
+        for i in range(BLOCK):
+            s[VISIBLE + i] = surface.separable_visibility(s[AREA_V + i], s[AREA_L + i])
+    if modes[SKEWED] != 0:
+        _off_the_normal(s)
+
+
+@formula
+def visible_density(s: Array, modes: Any) -> None:
+    """D_v(m) / (v.m), the density of the normals that are seen from v (eqs. 16 and 50), into VISIBLE."""
+    if modes[MASKING] == surface.VCAVITY:
+        for i in range(BLOCK):
+            hz = s[HZ + i] / math.sqrt(s[HH + i])
+            s[VISIBLE + i] = s[D + i] * surface.vcavity_masking(hz, s[EZ + i], s[VH + i]) / s[EZ + i]
+    else:
+        for i in range(BLOCK):
+            s[VISIBLE + i] = s[D + i] / s[AREA_V + i] if s[CV + i] > 0.0 else 0.0
+
+
+@formula
+def indices(s: Array, modes: Any) -> None:
+    """The index of refraction of the inside."""
+    if modes[KIND] == SCHLICK:
+        for i in range(BLOCK):
+            s[INDEX + i] = index_from_f0((s[A0 + i] + s[A1 + i] + s[A2 + i]) / 3.0)
+    else:
+        for i in range(BLOCK):
+            s[INDEX + i] = s[A0 + i]
+
+
+@formula
+def outer_cosine(cosine: float, side: float, index: float) -> float:
+    """The cosine on the outside of an interface, -1 where there is none: total internal reflection."""
+    squared = 1.0 - index * index * (1.0 - cosine * cosine)
+    outer = math.sqrt(max(squared, 0.0))
+    return cosine if side > 0.0 else (outer if squared > 0.0 else -1.0)
+
+
+@formula
+def reflecting_cosine(s: Array, modes: Any) -> None:
+    """The outer cosine where v.m is known; a conductor has no inside."""
+    if modes[KIND] == CONDUCTOR:
+        for i in range(BLOCK):
+            s[OUTER + i] = s[VH + i]
+    else:
+        for i in range(BLOCK):
+            s[OUTER + i] = outer_cosine(s[VH + i], s[SIDE + i], s[INDEX + i])
+
+
+@formula
+def refracting_cosine(s: Array) -> None:
+    """The outer cosine where both are known."""
+    for i in range(BLOCK):
+        s[OUTER + i] = s[VH + i] if s[SIDE + i] > 0.0 else s[LH + i]
+
+
+@formula
+def fresnel(s: Array, modes: Any) -> None:
+    """Reflectance of the interface at its outer cosine, the same from either side; 1 where there is none."""
+    kind = modes[KIND]
+    if kind == DIELECTRIC:
+        for i in range(BLOCK):
+            f = dielectric_reflectance(s[OUTER + i], s[INDEX + i])
+            f = f if s[OUTER + i] > 0.0 else 1.0
+            s[FR + i] = f
+            s[FG + i] = f
+            s[FB + i] = f
+    elif kind == CONDUCTOR:
+        for i in range(BLOCK):
+            s[FR + i] = conductor_reflectance(s[OUTER + i], s[A0 + i], s[B0 + i])
+        for i in range(BLOCK):
+            s[FG + i] = conductor_reflectance(s[OUTER + i], s[A1 + i], s[B1 + i])
+        for i in range(BLOCK):
+            s[FB + i] = conductor_reflectance(s[OUTER + i], s[A2 + i], s[B2 + i])
+    else:
+        if modes[FIFTH] != 0:
+            for i in range(BLOCK):
+                s[FR + i] = schlick_reflectance_5(s[OUTER + i], s[A0 + i], s[B0 + i], s[C0 + i])
+                s[FG + i] = schlick_reflectance_5(s[OUTER + i], s[A1 + i], s[B1 + i], s[C1 + i])
+                s[FB + i] = schlick_reflectance_5(s[OUTER + i], s[A2 + i], s[B2 + i], s[C2 + i])
+        else:
+            for i in range(BLOCK):
+                p = s[EXPONENT + i]
+                s[FR + i] = schlick_reflectance(s[OUTER + i], s[A0 + i], s[B0 + i], s[C0 + i], p)
+                s[FG + i] = schlick_reflectance(s[OUTER + i], s[A1 + i], s[B1 + i], s[C1 + i], p)
+                s[FB + i] = schlick_reflectance(s[OUTER + i], s[A2 + i], s[B2 + i], s[C2 + i], p)
+        for i in range(BLOCK):
+            total = s[OUTER + i] < 0.0
+            s[FR + i] = 1.0 if total else s[FR + i]
+            s[FG + i] = 1.0 if total else s[FG + i]
+            s[FB + i] = 1.0 if total else s[FB + i]
+    if any_positive(s, FILM):
+        for i in range(BLOCK):
+            if s[FILM + i] > 0.0 and s[OUTER + i] > 0.0:
+                s[FR + i], s[FG + i], s[FB + i] = film_reflectance(
+                    min(s[OUTER + i], 1.0), kind,
+                    s[A0 + i], s[A1 + i], s[A2 + i], s[B0 + i], s[B1 + i], s[B2 + i],
+                    s[C0 + i], s[C1 + i], s[C2 + i], s[EXPONENT + i], s[FILM + i], s[FILM_INDEX + i],
+                )  # fmt: skip
+
+
+@formula
+def transmittance(s: Array, modes: Any) -> None:
+    """1 - F at the refracting normal, from both cosines where they are what it is made of (001 eq. 11)."""
+    refracting_cosine(s)
+    fresnel(s, modes)
+    for i in range(BLOCK):
+        s[FR + i] = 1.0 - s[FR + i]
+        s[FG + i] = 1.0 - s[FG + i]
+        s[FB + i] = 1.0 - s[FB + i]
+    if modes[KIND] == DIELECTRIC:
+        for i in range(BLOCK):
+            near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
+            far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
+            t = dielectric_transmittance(s[VH + i], near, s[LH + i], far)
+            s[FR + i] = s[FR + i] if s[FILM + i] > 0.0 else t
+            s[FG + i] = s[FG + i] if s[FILM + i] > 0.0 else t
+            s[FB + i] = s[FB + i] if s[FILM + i] > 0.0 else t
+
+
+@formula
+def white_albedo(s: Array, modes: Any, table: Array) -> None:
+    """E at (n.v, mean alpha): MaterialX's fit, or the exact table."""
+    scheme = modes[COMPENSATION]
+    if scheme == energy.MATERIALX_1_39_5 or scheme == energy.MATERIALX_1_39_6:
+        for i in range(BLOCK):
+            a, b = rational_albedo(min(max(s[EZ + i], 1e-8), 1.0), math.sqrt(s[AX + i] * s[AY + i]), table)
+            s[ALBEDO + i] = a + b
+    elif scheme != energy.NONE:
+        for i in range(BLOCK):
+            s[ALBEDO + i] = energy.table_lookup(s[EZ + i], math.sqrt(s[AX + i] * s[AY + i]), table)
+
+
+@formula
+def typical_reflectance(s: Array, modes: Any) -> None:
+    """The reflectance of the schemes that take one for all directions: at the normal, or F0 + (F90 - F0) / 21."""
+    for i in range(BLOCK):
+        s[OUTER + i] = 1.0
+    fresnel(s, modes)
+    if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
+        for i in range(BLOCK):
+            bare = modes[KIND] == SCHLICK and s[FILM + i] <= 0.0
+            s[FR + i] += ((s[C0 + i] if bare else 1.0) - s[FR + i]) / 21.0
+            s[FG + i] += ((s[C1 + i] if bare else 1.0) - s[FG + i]) / 21.0
+            s[FB + i] += ((s[C2 + i] if bare else 1.0) - s[FB + i]) / 21.0
+
+
+@formula
+def compensate(s: Array) -> None:
+    """Multiply the lobe by 1 + F (1 - E) / E."""
+    for i in range(BLOCK):
+        s[TR + i] *= compensation(s[FR + i], s[ALBEDO + i])
+        s[TG + i] *= compensation(s[FG + i], s[ALBEDO + i])
+        s[TB + i] *= compensation(s[FB + i], s[ALBEDO + i])
+
+
+@formula
+def multiple_reflectance(s: Array, modes: Any, table: Array) -> None:
+    """RGB share of the lost energy that Kulla and Conty's term gives back, over 1 - E_avg, into TR, TG, TB.
+
+    F_avg² E_avg / (1 - F_avg (1 - E_avg)), with the cosine-weighted mean of F by Gauss-Legendre quadrature.
+    """
+    for i in range(BLOCK):
+        s[TR + i] = 0.0
+        s[TG + i] = 0.0
+        s[TB + i] = 0.0
+    for k in range(len(energy.AVERAGE_NODES)):
+        node, weight = energy.AVERAGE_NODES[k]
+        for i in range(BLOCK):
+            s[VH + i] = node
+        reflecting_cosine(s, modes)
+        fresnel(s, modes)
+        for i in range(BLOCK):
+            s[TR + i] += weight * s[FR + i]
+            s[TG + i] += weight * s[FG + i]
+            s[TB + i] += weight * s[FB + i]
+    for i in range(BLOCK):
+        average = energy.average_lookup(math.sqrt(s[AX + i] * s[AY + i]), table)
+        s[TR + i] = energy.multiple_scattering(s[TR + i], average)
+        s[TG + i] = energy.multiple_scattering(s[TG + i], average)
+        s[TB + i] = energy.multiple_scattering(s[TB + i], average)

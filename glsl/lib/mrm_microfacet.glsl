@@ -65,23 +65,32 @@ float mrm_lambda_beckmann(vec3 Wt, vec2 alpha)
     return 0.5 * exp(-a * a) * (0.5641895835 / a - erfcx);
 }
 
-// Masking and shadowing over the view's cosine, G2 / NdotV: its numerator's NdotV cancels, so grazing views keep their digits.
-float mrm_masking_over_NdotV(vec3 Vt, vec3 Lt, float NdotH, float VdotH, MrmLobe lobe)
+// Square of the roughness that a direction sees, [Heitz] eq. 80; alpha itself where both are equal.
+float mrm_projected_alpha2(vec3 Wt, vec2 alpha)
+{
+    vec2 stretched = Wt.xy * alpha;
+    return dot(stretched, stretched) / max(dot(Wt.xy, Wt.xy), M_FLOAT_EPS);
+}
+
+// Masking and shadowing of both directions.
+float mrm_masking_shadowing(vec3 Vt, vec3 Lt, float NdotH, float VdotH, MrmLobe lobe)
 {
     if (lobe.masking == MRM_VCAVITY || lobe.distribution == MRM_PHONG)
     {
         // [MRM] eq. 9 for both directions; the smaller of the two, [Heitz] section 4.
-        return min(1.0, 2.0 * NdotH * min(Vt.z, Lt.z) / VdotH) / Vt.z;
+        return min(1.0, 2.0 * NdotH * min(Vt.z, Lt.z) / VdotH);
     }
     if (lobe.distribution == MRM_BECKMANN)
     {
         // [Heitz] eq. 99
-        return 1.0 / (Vt.z * (1.0 + mrm_lambda_beckmann(Vt, lobe.alpha) + mrm_lambda_beckmann(Lt, lobe.alpha)));
+        return 1.0 / (1.0 + mrm_lambda_beckmann(Vt, lobe.alpha) + mrm_lambda_beckmann(Lt, lobe.alpha));
     }
-    // [Heitz] eq. 72, 86 and 99: each direction has its own projected roughness.
-    float lambdaV = length(vec3(Vt.xy * lobe.alpha, Vt.z));
-    float lambdaL = length(vec3(Lt.xy * lobe.alpha, Lt.z));
-    return 2.0 * Lt.z / (lambdaL * Vt.z + lambdaV * Lt.z);
+    // [Heitz] eq. 72, 86 and 99, as MaterialX writes them, but with each direction's own roughness.
+    float alphaV2 = mrm_projected_alpha2(Vt, lobe.alpha);
+    float alphaL2 = mrm_projected_alpha2(Lt, lobe.alpha);
+    float lambdaV = sqrt(alphaV2 + (1.0 - alphaV2) * mx_square(Vt.z));
+    float lambdaL = sqrt(alphaL2 + (1.0 - alphaL2) * mx_square(Lt.z));
+    return 2.0 * Lt.z * Vt.z / (lambdaL * Vt.z + lambdaV * Lt.z);
 }
 
 // Split sum of the directional albedo: albedo = F0 * result.x + F90 * result.y.
@@ -169,8 +178,9 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     vec3 H = normalize(L + V);
     float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
     float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
-    // dot(V, H) by another road: of two nearly opposite directions H has lost its digits, their sum's length has not.
-    float VdotH = clamp(0.5 * length(L + V), M_FLOAT_EPS, 1.0);
+    // Of two nearly opposite directions H has lost its digits; the length of their sum, twice this cosine, has not.
+    float VdotH = dot(V, H);
+    VdotH = clamp(VdotH < 0.1 ? 0.5 * length(L + V) : VdotH, M_FLOAT_EPS, 1.0);
     vec3 Ht = vec3(dot(H, X), dot(H, Y), dot(H, N));
     vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
     vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
@@ -178,8 +188,8 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
     compensation = mrm_energy_compensation(F, fd, E);
     float D = mrm_ndf(Ht, lobe);
-    float G = mrm_masking_over_NdotV(Vt, Lt, Ht.z, VdotH, lobe);
-    return D * F * G * compensation / 4.0;
+    float G = mrm_masking_shadowing(Vt, Lt, Ht.z, VdotH, lobe);
+    return D * F * G * compensation / (4.0 * NdotV);
 }
 
 // One microfacet BSDF with its retro twin, blended by retroreflectivity: [MRM] eq. 10 and section 4.

@@ -68,17 +68,20 @@ TINT_SCALE = 1.0 / (COS_82 * (1.0 - COS_82) ** 6)
 
 
 @formula
-def schlick_reflectance(cosine: float, f0: float, f82: float, f90: float, exponent: float) -> float:
-    """Generalised Schlick with the 82-degree tint (Hoffman 2023, "Generalization of Adobe's Fresnel Model").
-
-    Clamped to [0, 1]: with f82 = 0 the formula is a little negative just past cos = 1/7.
-    """
+def schlick_curve(cosine: float, f0: float, f82: float, f90: float, exponent: float) -> float:
+    """Generalised Schlick with the 82-degree tint (Hoffman 2023, "Generalization of Adobe's Fresnel Model")."""
     away = 1.0 - min(max(cosine, 0.0), 1.0)
     base = f0 + (f90 - f0) * away**exponent
     at_82 = f0 + (f90 - f0) * (1.0 - COS_82) ** exponent
     tint = at_82 * (1.0 - f82) * TINT_SCALE
     squared = away * away
-    return min(max(base - tint * (1.0 - away) * squared * squared * squared, 0.0), 1.0)
+    return base - tint * (1.0 - away) * squared * squared * squared
+
+
+@formula
+def schlick_reflectance(cosine: float, f0: float, f82: float, f90: float, exponent: float) -> float:
+    """`schlick_curve` clamped to [0, 1]: with f82 = 0 it is a little negative just past cos = 1/7."""
+    return min(max(schlick_curve(cosine, f0, f82, f90, exponent), 0.0), 1.0)
 
 
 @formula

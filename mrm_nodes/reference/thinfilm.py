@@ -8,7 +8,7 @@ constants of the colour-matching fit and of the change to RGB are those of that 
 import math
 
 from .compiled import formula
-from .fresnel import SCHLICK, index_from_f0, schlick_reflectance
+from .fresnel import SCHLICK, index_from_f0, schlick_curve
 
 # Gaussian fits of the colour-matching functions: value, position, variance; X has a second lobe.
 VALUE = (5.4856e-13, 4.4201e-13, 5.2481e-13)
@@ -126,7 +126,9 @@ def film_reflectance(
         b = b0 if channel == 0 else (b1 if channel == 1 else b2)
         c = c0 if channel == 0 else (c1 if channel == 1 else c2)
         if kind == SCHLICK:
-            under_p = 0.5 * schlick_reflectance(inside, a, b, c, exponent)
+            # Unclamped, as MaterialX has it: a dark tint leaves a film a slightly negative substrate, which reflects
+            # once but does not interfere.
+            under_p = 0.5 * schlick_curve(inside, a, b, c, exponent)
             under_s = under_p
             shift_p = math.pi if index_from_f0(a) < film else 0.0
             shift_s = shift_p

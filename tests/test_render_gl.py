@@ -530,7 +530,7 @@ def test_another_target_is_refused(renderer, lambert):
         renderer.render(essl, plane(), size=(8, 8))
 
 
-@pytest.mark.parametrize("size", [(0, 10), (10, -1), (1 << 20, 10), (10,), "ab"])
+@pytest.mark.parametrize("size", [(0, 10), (10, -1), (1 << 20, 10), (16384, 16384), (10,), "ab"])
 def test_a_size_that_cannot_be_drawn_is_refused(renderer, lambert, size):
     with pytest.raises(MrmError, match="size"):
         renderer.render(lambert, plane(), size=size)
@@ -591,6 +591,21 @@ def test_a_machine_without_egl_is_told_what_to_install():
         GLCONTEXT_LINUX_LIBEGL="libNoSuchEGL.so.1",
     )
     assert child.stdout.strip() == "told", child.stderr
+
+
+def test_auto_takes_the_first_backend_that_works(monkeypatch):
+    works = get_context(renderer_of("auto").backend)
+    module = sys.modules["mrm_nodes.render.context"]
+    found = {"egl": "EGL lists no device", "osmesa": works}
+    monkeypatch.setattr(module, "_cached", found.get)
+    assert get_context("auto") is works
+    found["osmesa"] = "libOSMesa is not installed"
+    with pytest.raises(MrmError) as error:
+        get_context("auto")
+    text = str(error.value)
+    assert "\n" not in text
+    for part in ("no device", "libegl1 libgl1-mesa-dri", "libOSMesa is not installed", "libosmesa6"):
+        assert part in text
 
 
 def test_a_driver_that_crashes_is_reported():

@@ -132,6 +132,8 @@ def _create_egl() -> Any:
     import glcontext
 
     create = glcontext.get_backend_by_name("egl")
+    # Devices that may not be opened are passed over; libEGL would write about each to stderr.
+    os.environ.setdefault("EGL_LOG_LEVEL", "fatal")
     # libEGL finds every GL function by itself, so that libGL need not be installed.
     library = os.environ.get("GLCONTEXT_LINUX_LIBEGL", "libEGL.so.1")
     errors: list[str] = []

@@ -33,6 +33,9 @@ Floats = NDArray[np.float32]
 POINTS_PER_DRAW = 1 << 20
 
 _KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS = 64, 16, 2
+#: A pixel takes 128 bytes on the GPU and in memory.
+_MAX_PIXELS = 8192 * 8192
+
 _BLACK_UNIT, _FIRST_SHEET_UNIT = 0, 1
 _IDENTITY = tuple(np.eye(4).ravel().tolist())
 
@@ -100,6 +103,11 @@ class _Target:
         width, height = self.framebuffer.size
         return np.frombuffer(self.colors[index].read(), np.float32).reshape(height, width, 4)
 
+    def read_split(self, index: int) -> tuple[Floats, Floats]:
+        """Return one attachment's first three channels (h, w, 3) and its last (h, w), row 0 at the top."""
+        pixels = self.read(index)[::-1]
+        return np.ascontiguousarray(pixels[..., :3]), np.ascontiguousarray(pixels[..., 3])
+
     def release(self) -> None:
         _release(self.framebuffer, *self.colors, self.depth)
 
@@ -166,26 +174,31 @@ class Renderer:
         with self._gl.ctx:
             started = time.perf_counter()
             program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
-            linked = time.perf_counter()
             self._upload(shader, program, values, view_projection, camera, lights)
             array = self._vertex_array(program, mesh, shader)
+            if is_new:
+                # Drivers compile the second half of a program when it first draws.
+                self._begin((width, height), depth_test=True)
+                array.render(moderngl.TRIANGLES, vertices=3)
+                self._gl.ctx.finish()
+            compiled = time.perf_counter()
             target = self._begin((width, height), depth_test=True)
             array.render(moderngl.TRIANGLES)
-            pixels = [target.read(index)[::-1] for index in range(TARGETS)]
-            image, position, normal, tangent = (np.ascontiguousarray(data[..., :3]) for data in pixels)
-            texcoord = np.stack([pixels[2][..., 3], pixels[3][..., 3]], axis=-1)
+            (image, _), (position, covered), (normal, u), (tangent, v) = map(
+                target.read_split, range(TARGETS)
+            )
             finished = time.perf_counter()
         return RenderedImage(
             image=image,
             position=position,
             normal=normal,
             tangent=tangent,
-            texcoord=texcoord,
-            mask=pixels[1][..., 3] > 0.5,
+            texcoord=np.stack([u, v], axis=-1),
+            mask=covered > 0.5,
             camera=camera,
             backend=self.backend,
             device=self.device,
-            seconds={"compile": linked - started if is_new else 0.0, "render": finished - linked},
+            seconds={"compile": compiled - started if is_new else 0.0, "render": finished - compiled},
         )
 
     def draw_points(
@@ -305,6 +318,8 @@ class Renderer:
             raise MrmError(f"size {size} is not a width and a height") from None
         if not (1 <= width <= limit and 1 <= height <= limit):
             raise MrmError(f"size {width}x{height}: this driver draws 1x1 to {limit}x{limit} pixels")
+        if width * height > _MAX_PIXELS:
+            raise MrmError(f"size {width}x{height}: more than {_MAX_PIXELS} pixels would not fit into memory")
         return width, height
 
     def _program(self, shader: Shader, stages: Stages) -> tuple[_Program, bool]:

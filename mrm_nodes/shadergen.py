@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 import functools
 import importlib
@@ -10,7 +9,7 @@ import math
 import os
 import pkgutil
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -145,6 +144,8 @@ def generate_shader(
     ):
         if value not in known:
             raise MrmError(_unknown(option, value, known))
+    if max_lights < 0:
+        raise MrmError(f"max_lights {max_lights} is negative")
 
     if isinstance(path_or_document, mx.Document):
         document, where, folder = path_or_document, path_or_document.getSourceUri() or "document", Path()
@@ -234,7 +235,7 @@ def find_renderable(document: mx.Document, where: str, element: str | None) -> m
     renderables = mx_gen_shader.findRenderableElements(document)
     names = [renderable.getNamePath() for renderable in renderables]
     if element is not None:
-        found = document.getDescendant(element)
+        found = document.getDescendant(element) if element else None
         if found is None:
             raise MrmError(f"{where}: {_unknown('element', element, names)}")
         return found
@@ -257,50 +258,113 @@ _RANGES: dict[str, tuple[float, float]] = {
     "color90": (0.0, math.inf),
 }
 
+#: Types whose values are numbers, and what such a value is.
+_NUMBERS = {
+    "boolean": "true or false",
+    "integer": "an integer",
+    "float": "a finite number",
+    **{f"{kind}{n}": f"{n} finite numbers" for kind in ("vector", "color") for n in (2, 3, 4)},
+    "matrix33": "9 finite numbers",
+    "matrix44": "16 finite numbers",
+}
+
 
 def check_document(document: mx.Document, where: str = "document") -> None:
-    """Check that every node is known and every number is one; warn of values that the nodes will clamp.
+    """Check that every node, input, value and connection is sound; warn of values that the nodes will clamp.
 
     Raises:
-        MrmError: an unknown node, or an input that is NaN or infinite.
+        MrmError: an unknown node; an input that its node does not have, or of another type; a value that is
+            malformed, NaN or infinite; a connection to something that does not exist or has another type.
     """
     for node in _nodes(document):
-        if not node.getNodeDef() and not node.getNodeDef("", True):
-            categories = {definition.getNodeString() for definition in document.getNodeDefs()}
-            categories |= {d.getNodeString() for d in library.shared_library().getNodeDefs()}
-            if node.getCategory() in categories:
-                raise MrmError(
-                    f"{where}: node {node.getNamePath()}: none of its kind has these inputs and type"
-                )
-            raise MrmError(
-                f"{where}: node {node.getNamePath()}: {_unknown('node', node.getCategory(), categories)}"
-            )
-        for node_input in node.getInputs():
-            _check_value(node, node_input, where)
+        if node.getNodeDef() is None:
+            raise MrmError(f"{where}: node {node.getNamePath()}: {_why_undefined(node, document)}")
+    for port in _ports(document):
+        _check_port(port, f"{where}: {port.getNamePath()}")
+
+
+def _own(document: mx.Document) -> list[mx.Element]:
+    """Return the elements of a document that are no library's."""
+    shared = library.shared_library()
+    return [child for child in document.getChildren() if shared.getChild(child.getName()) is None]
 
 
 def _nodes(document: mx.Document) -> Iterator[mx.Node]:
-    yield from document.getNodes()
-    for graph in document.getNodeGraphs():
-        yield from graph.getNodes()
+    for child in _own(document):
+        if child.isA(mx.NodeGraph):
+            yield from child.getNodes()
+        elif child.isA(mx.Node):
+            yield child
 
 
-def _check_value(node: mx.Node, node_input: mx.Input, where: str) -> None:
-    text = node_input.getValueString()
-    if not text:
-        return
-    numbers = []
-    if node_input.getType() in ("float", "vector2", "vector3", "vector4", "color3", "color4"):
-        with contextlib.suppress(ValueError):
-            numbers = [float(part) for part in text.replace(",", " ").split()]
-    place = f"{where}: {node.getNamePath()}/{node_input.getName()}"
-    if any(not math.isfinite(number) for number in numbers):
-        raise MrmError(f"{place}: {text} is not a finite number")
-    if node.getCategory().startswith("mrm_") and node_input.getName() in _RANGES:
-        low, high = _RANGES[node_input.getName()]
-        if any(not low <= number <= high for number in numbers):
-            limits = f"{low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
-            warnings.warn(f"{place}: {text} is clamped to its range, {limits}", MrmWarning, stacklevel=4)
+def _ports(document: mx.Document) -> Iterator[mx.Input | mx.Output]:
+    """Yield the inputs and outputs of the document itself, of node graphs and, last, of nodes."""
+    for child in _own(document):
+        if child.isA(mx.NodeGraph):
+            yield from child.getInputs()
+            yield from child.getOutputs()
+        elif child.isA(mx.Input) or child.isA(mx.Output):
+            yield child
+    for node in _nodes(document):
+        yield from node.getInputs()
+
+
+def _why_undefined(node: mx.Node, document: mx.Document) -> str:
+    """Say what keeps a node from having a definition: its name, its type, or one of its inputs."""
+    category = node.getCategory()
+    definitions = {definition.getName(): definition for definition in document.getNodeDefs()}
+    definitions |= {each.getName(): each for each in library.shared_library().getNodeDefs()}
+    alike = [each for each in definitions.values() if each.getNodeString() == category]
+    if not alike:
+        return _unknown("node", category, {each.getNodeString() for each in definitions.values()})
+    of_type = [each for each in alike if each.getType() == node.getType()]
+    if not of_type:
+        return f"{category} has no type {node.getType()}; known: {_listed(each.getType() for each in alike)}"
+    for port in node.getInputs():
+        name = port.getName()
+        types = {each.getActiveInput(name).getType() for each in of_type if each.getActiveInput(name)}
+        if not types:
+            known = {each.getName() for definition in of_type for each in definition.getActiveInputs()}
+            return f"{category}: {_unknown('input', name, known)}"
+        if port.getType() not in types:
+            return f"input {name} has type {port.getType()}, not {_listed(types)}"
+    return f"no {category} has these inputs together"
+
+
+def _listed(names: Iterable[str]) -> str:
+    return " or ".join(sorted(set(names)))
+
+
+def _check_port(port: mx.Input | mx.Output, place: str) -> None:
+    text = port.getValueString()
+    if text and port.getValue() is None and port.getType() in _NUMBERS:
+        raise MrmError(f"{place}: {text} is not {_NUMBERS[port.getType()]}")
+    source = port.getAttribute("nodename") or port.getAttribute("nodegraph")
+    # Generation would go on without it, or end in the compiler. Other complaints it can live with.
+    if source and "port connection" in port.validate()[1]:
+        output = port.getOutputString()
+        raise MrmError(
+            f"{place}: connected to {source}{'/' + output if output else ''}, "
+            f"which does not exist here or is no {port.getType()}"
+        )
+    node = port.getParent()
+    if text and port.isA(mx.Input) and node.isA(mx.Node) and port.getType() == "string":
+        choices = node.getNodeDef().getActiveInput(port.getName()).getAttribute("enum")
+        known = [choice.strip() for choice in choices.split(",")] if choices else [text]
+        if text not in known:
+            raise MrmError(f"{place}: {_unknown('value', text, known)}")
+    if node.getCategory().startswith("mrm_") and port.getName() in _RANGES:
+        _warn_of_clamping(port, place)
+
+
+def _warn_of_clamping(port: mx.Input, place: str) -> None:
+    low, high = _RANGES[port.getName()]
+    # Through a graph's interface, what is set there reaches the node.
+    source = port.getInterfaceInput() or port
+    text = source.getValueString() if source.getValue() is not None else ""
+    if any(not low <= float(number) <= high for number in text.replace(",", " ").split()):
+        limits = f"{low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
+        warnings.warn(f"{place}: {text} is clamped to its range, {limits}", MrmWarning, stacklevel=5)
 
 
 def _unknown(what: str, name: str, known: Any) -> str:

@@ -115,8 +115,9 @@ def random_directions(bsdf: Any, rng: np.random.Generator, n: int) -> tuple[Arra
     kind = rng.choice(3, size=n, p=LIGHT_SHARES)
     drawn = np.asarray(bsdf.sample(v, rng.random((n, 3))).l)
     drawn = np.where(np.isfinite(drawn).all(-1, keepdims=True), drawn, v)
-    light = np.choose(kind[:, None], [drawn, _on_sphere(rng, n), v])
-    return v, light / np.linalg.norm(light, axis=-1, keepdims=True), kind
+    light = np.where((kind == LOBE)[:, None], drawn, _on_sphere(rng, n))
+    light /= np.linalg.norm(light, axis=-1, keepdims=True)
+    return v, np.where((kind == SAME)[:, None], v, light), kind
 
 
 def place(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -85,13 +85,18 @@ def outcome_of(task: Task, backend: str, verdict: Verdict, **others: Any) -> Out
 class Worker:
     """A GL context with the shaders generated so far; shaders are shared by all tasks of one structure.
 
+    Args:
+        backend: `egl` or `osmesa`.
+        edit: changes each generated shader before it is compiled: for tests that plant faults.
+
     Raises:
         MrmError: the backend does not work here.
     """
 
-    def __init__(self, backend: str) -> None:
+    def __init__(self, backend: str, edit: Callable[[Shader], Shader] = lambda shader: shader) -> None:
         self.backend = backend
         self.renderer = Renderer(backend)
+        self._edit = edit
         self._shaders: dict[Any, Shader] = {}
 
     def run(self, task: Task, folder: Path) -> Outcome:
@@ -172,7 +177,7 @@ class Worker:
     def _shader(self, key: Any, node: str, element: str | None = None, **structure: Any) -> Shader:
         if key not in self._shaders:
             document = material.document(node, **structure)
-            self._shaders[key] = generate_shader(document, element=element or material.MATERIAL)
+            self._shaders[key] = self._edit(generate_shader(document, element=element or material.MATERIAL))
         return self._shaders[key]
 
 

@@ -1,0 +1,109 @@
+"""The default suite has what the nodes must be proven on."""
+
+import re
+
+import pytest
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression import material
+from mrm_nodes.regression.cases import ALPHAS, default_suite
+from mrm_nodes.regression.suites import choose, clouds, suite
+from mrm_nodes.render.scene import CameraLight, DirectionalLight, PointLight, SpotLight
+from mrm_nodes.shadergen import generate_shader
+
+SUITE = default_suite()
+ONE_OF_EACH = list({case.structure: case for case in SUITE}.values())
+"""A case of every structure."""
+
+
+def test_there_are_at_least_eighty_cases_with_names_of_their_own():
+    names = [case.name for case in SUITE]
+    assert len(names) >= 80
+    assert len(set(names)) == len(names)
+    assert all(re.fullmatch(r"[A-Za-z0-9._-]+", name) for name in names)
+
+
+@pytest.mark.parametrize("node", material.NODES)
+def test_each_node_is_shown_at_every_width_and_weight(node):
+    seen = {
+        (case.inputs["roughness"], case.inputs.get("retroreflectivity"))
+        for case in SUITE
+        if case.node == node
+    }
+    assert {(alpha, weight) for alpha in ALPHAS for weight in (0.0, 0.5, 1.0)} <= seen
+
+
+@pytest.mark.parametrize("node", material.NODES)
+def test_each_node_is_shown_with_every_pair_and_a_pattern(node):
+    values = [material.complete(case.node, case.inputs) for case in SUITE if case.node == node]
+    pairs = {(value["distribution"], value["masking"]) for value in values}
+    assert {("ggx", "smith"), ("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity")} <= pairs
+    assert any("retroreflectivity" in case.patterns for case in SUITE if case.node == node)
+
+
+def test_every_mesh_and_every_kind_of_light_is_used():
+    assert {case.mesh for case in SUITE} == {"sphere", "plane", "baluster"}
+    lights = {type(light) for case in SUITE for light in case.lights}
+    assert lights == {CameraLight, DirectionalLight, PointLight, SpotLight}
+
+
+def test_every_case_has_inputs_that_its_node_knows():
+    for case in SUITE:
+        material.complete(case.node, case.inputs)
+
+
+def test_cases_share_few_shaders():
+    assert len({case.structure for case in SUITE}) <= 15
+
+
+@pytest.mark.parametrize("case", ONE_OF_EACH, ids=lambda case: case.name)
+def test_every_structure_generates(case):
+    document = material.document(
+        case.node, case.patterns, base="oren_nayar_diffuse_bsdf" if case.base else None
+    )
+    assert document.validate()[0]
+    assert case.node in generate_shader(document, element=material.MATERIAL).pixel
+
+
+def test_the_clouds_have_a_million_configurations_of_each_node():
+    made = clouds()
+    for node in material.NODES:
+        assert sum(cloud.configurations for cloud in made if cloud.node == node) >= 1_000_000
+
+
+def test_a_filter_is_a_part_of_the_name_or_a_pattern():
+    tasks = suite()
+    assert {task.name for task in choose(tasks, "figure5")} == {c.name for c in SUITE if "figure5" in c.name}
+    assert [task.name for task in choose(tasks, "conductor-weight0")] == [
+        "conductor-weight0.3",
+        "conductor-weight0",
+    ]
+    assert all(task.name.startswith("cloud-") for task in choose(tasks, "cloud-*"))
+
+
+def test_a_filter_that_matches_nothing_is_an_error():
+    with pytest.raises(MrmError, match=r"no case matches nothing-like-it; names are like cloud-"):
+        choose(suite(), "nothing-like-it")
+
+
+def test_an_unknown_suite_is_an_error():
+    with pytest.raises(MrmError, match="unknown suite nightly"):
+        suite("nightly")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"shininess": 1.0}, "has no input shininess; it has weight"),
+        ({"distribution": "blinn"}, "unknown value blinn; it is one of ggx, beckmann, phong"),
+        ({"ior": 1.5}, "1.5 is no color3"),
+    ],
+)
+def test_an_input_that_a_node_does_not_have_is_an_error(values, message):
+    with pytest.raises(MrmError, match=message):
+        material.complete("mrm_conductor_bsdf", values)
+
+
+def test_an_unknown_pattern_is_an_error():
+    with pytest.raises(MrmError, match="unknown pattern plaid; known: stripes"):
+        material.document("mrm_conductor_bsdf", {"weight": "plaid"})

@@ -1,0 +1,180 @@
+"""The report holds what happened, for machines and for people."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.cases import default_suite
+from mrm_nodes.regression.cloud import Cloud
+from mrm_nodes.regression.compare import Figures
+from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, write_pictures
+from mrm_nodes.regression.report import figure, share, write_report
+from mrm_nodes.regression.worker import outcome_of
+from mrm_nodes.render.images import read_image
+
+ENVIRONMENT = {
+    "date": "2026-07-01 12:00 UTC",
+    "platform": "Linux",
+    "processors": 2,
+    "backends": {"egl": "llvmpipe, OpenGL 4.5"},
+    "versions": {"mrm-nodes": "0.1.0"},
+    "jobs": 1,
+    "backend_seconds": {"egl": 1.0},
+}
+SCHEMA = {"name", "node", "target", "backend", "verdict", "passed", "tolerance", "seconds"}
+FIGURES = {"max_abs", "max_rel", "p999_rel", "rmse"}
+
+
+def figures(used):
+    return Figures(1e-3, 1e-4 * used, 1e-5, 1e-6, used, 100, 90)
+
+
+def outcomes():
+    passing, failing, broken, missing, *_ = default_suite()
+    decades = [
+        {"alpha": list(alpha), "film": film, "configurations": 10, "max_rel": 1e-4, "p999_rel": 1e-5,
+         "max_used": 0.3, "p999_used": 0.2}
+        for alpha in ((1e-3, 1e-2), (1e-2, 1e-1), (1e-1, 1.0)) for film in (False, True)
+    ]  # fmt: skip
+    tolerance = {"max_rel": 1e-4, "p999_rel": 1e-5}
+    cloud = Cloud("mrm_conductor_bsdf", configurations=60)
+    return [
+        outcome_of(passing, "egl", "pass", figures=figures(0.4), tolerance=tolerance),
+        outcome_of(failing, "egl", "fail", figures=figures(3.0), tolerance=tolerance),
+        outcome_of(broken, "egl", "error", message="it broke: <script>alert(1)</script>"),
+        outcome_of(missing, "osmesa", "skipped", message="libOSMesa is not installed"),
+        outcome_of(
+            cloud, "egl", "pass", figures=figures(0.3), tolerance=tolerance, details={"decades": decades}
+        ),
+    ]
+
+
+class Page(HTMLParser):
+    """Well-formedness enough for us: every element that must be closed is, in order."""
+
+    VOID = ("meta", "img", "br", "link", "input")
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.addresses, self.tags = [], [], []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attributes):
+        self.tags.append(tag)
+        self.addresses += [value for name, value in attributes if name in ("src", "href")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture
+def report(tmp_path):
+    write_report(tmp_path, ENVIRONMENT, outcomes(), 12.5)
+    return tmp_path
+
+
+def test_the_json_follows_the_schema(report):
+    data = json.loads((report / "report.json").read_text())
+    assert set(data) == {"environment", "cases", "summary"}
+    for case in data["cases"]:
+        assert set(case) >= SCHEMA | FIGURES
+        assert case["passed"] == (case["verdict"] == "pass")
+        assert set(case["seconds"]) == {"generate", "compile", "render", "reference", "compare"}
+    assert data["summary"] == {
+        "total": 5, "passed": 2, "failed": 1, "undecided": 0, "errors": 1, "skipped": 1, "seconds": 12.5,
+    }  # fmt: skip
+
+
+def test_the_worst_comes_first(report):
+    verdicts = [case["verdict"] for case in json.loads((report / "report.json").read_text())["cases"]]
+    assert verdicts == ["fail", "error", "skipped", "pass", "pass"]
+
+
+def test_numbers_that_are_not_finite_become_null(tmp_path):
+    case = default_suite()[0]
+    broken = Figures(np.nan, np.inf, np.inf, np.nan, np.inf, 10, 10)
+    tolerance = {"max_rel": 1e-4, "p999_rel": 1e-5}
+    write_report(
+        tmp_path, ENVIRONMENT, [outcome_of(case, "egl", "fail", figures=broken, tolerance=tolerance)], 1.0
+    )
+    assert json.loads((tmp_path / "report.json").read_text())["cases"][0]["max_rel"] is None
+    assert "not finite" in (tmp_path / "index.html").read_text()
+
+
+def test_the_page_names_every_case_and_escapes_what_it_quotes(report):
+    text = (report / "index.html").read_text()
+    page = Page(text)
+    assert page.open == []
+    assert "script" not in page.tags
+    for outcome in outcomes():
+        assert (
+            outcome.name if outcome.kind == "image" else outcome.node
+        ) in text or outcome.verdict == "skipped"
+    assert "libOSMesa is not installed" in text
+
+
+def test_the_page_needs_no_network(report):
+    text = (report / "index.html").read_text()
+    assert not re.search(r"https?://|//\w+\.\w+|@import|url\(", text)
+
+
+def test_a_page_without_cases_is_a_page(tmp_path):
+    write_report(tmp_path, ENVIRONMENT, [], 0.1)
+    assert Page((tmp_path / "index.html").read_text()).open == []
+
+
+def test_a_folder_that_cannot_be_written_is_an_error(tmp_path):
+    with pytest.raises(MrmError, match=r"report\.json: cannot be written: No such file"):
+        write_report(tmp_path / "missing", ENVIRONMENT, outcomes(), 1.0)
+
+
+def test_a_report_leaves_nothing_else_behind(report):
+    assert {path.name for path in report.iterdir()} == {"report.json", "index.html"}
+
+
+def test_pictures_keep_data_in_float32_and_show_it_at_one_exposure(tmp_path):
+    rng = np.random.default_rng(0)
+    image = rng.uniform(0, 500, (8, 6, 3)).astype(np.float32)
+    mask = np.ones((8, 6), bool)
+    mask[0] = False
+    files = write_pictures(tmp_path, image, image.astype(np.float64), mask, np.zeros((8, 6)))
+    assert files["exposure"] == -9.0
+    assert (read_image(tmp_path / files["render_data"])[1:] == image[1:]).all()
+    shown = read_image(tmp_path / files["render"])
+    assert shown.shape == (8, 6, 4)
+    assert (shown[..., 3] == mask).all()
+    assert 0.5 < shown[..., :3].max() <= 1.0
+
+
+def test_the_heat_map_marks_what_is_over_the_bound_and_what_is_not_finite():
+    over = heat_map([[1.5, np.nan, np.inf]], np.ones((1, 3)))
+    assert np.ptp(over, axis=1).max() == 0
+    assert over[0, 0, 0] == pytest.approx(int(HEAT_OVER[1:3], 16) / 255)
+    scale = heat_map([[0.0, 1e-4, 1e-2, 1.0]], np.ones((1, 4)))[0]
+    luminance = scale[:, :3] @ [0.2126, 0.7152, 0.0722]
+    assert luminance[0] == luminance[1] < luminance[2] < luminance[3]
+
+
+@pytest.mark.parametrize(("brightest", "stops"), [(1.0, 0.0), (0.4, 1.0), (3.0, -2.0), (0.0, 0.0)])
+def test_exposure_brings_the_brightest_value_below_white(brightest, stops):
+    assert exposure_for(np.full((5, 3), brightest)) == stops
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(3.21e-6, "3.2e-6"), (0.0, "0"), (12.0, "1.2e1"), (None, "not finite")]
+)
+def test_figures_have_two_digits(value, text):
+    assert figure(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(0.42, "42 %"), (0.0034, "0.3 %"), (25.0, "25 ×"), (None, "not finite")]
+)
+def test_shares_are_percentages_or_multiples(value, text):
+    assert share(value) == text

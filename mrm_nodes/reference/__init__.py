@@ -3,6 +3,7 @@
 from .bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick
 from .diffuse import eon, lambert
 from .distributions import GGX, Beckmann, BeckmannRational
+from .energy import average_albedo, white_albedo
 from .fresnel import fresnel_conductor, fresnel_dielectric, fresnel_schlick
 
 __all__ = [
@@ -13,9 +14,11 @@ __all__ = [
     "Conductor",
     "Dielectric",
     "GeneralizedSchlick",
+    "average_albedo",
     "eon",
     "fresnel_conductor",
     "fresnel_dielectric",
     "fresnel_schlick",
     "lambert",
+    "white_albedo",
 ]

@@ -30,6 +30,7 @@ from .checks import (
     scalar,
 )
 from .compiled import Array, run
+from .energy import white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
 from .quadrature import quadrature_nodes
 
@@ -136,6 +137,8 @@ class Lobe:
         """What the compensation reads its albedo from."""
         if self._compensation in (energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
             return np.array(COEFFICIENTS[self._fit_pair()])
+        if self._compensation in (energy.TURQUIN, energy.KULLA_CONTY):
+            return white_albedo_table(self._distribution, self._masking, self._correlation)
         return np.ones((2, 2))
 
     def _fit_pair(self) -> tuple[str, str]:
@@ -211,7 +214,7 @@ class Lobe:
         A delta (index 1) is counted. `ValueError` as in `eval`.
         """
         view = directions("v", v)
-        nodes = quadrature_nodes(self._distribution, self._masking)
+        nodes = quadrature_nodes()
         modes = list(self._modes)
         inputs = [view, np.zeros(3), *self._parameters]
         (parts,), rejected = run(kernels.INTEGRATE, inputs, modes, [3], [self._table, nodes])

@@ -51,6 +51,12 @@ def stretched_sine_squared(x: float, y: float, ax: float, ay: float, correlation
 
 
 @formula
+def stretched_azimuth(x: float, y: float, ax: float, ay: float, correlation: float) -> tuple[float, float]:
+    """Lᵀ on a direction's x and y: its horizontal part in the standard configuration (eq. 77)."""
+    return ax * x + correlation * ay * y, math.sqrt(1.0 - correlation * correlation) * ay * y
+
+
+@formula
 def ggx_normals(x: float, y: float, z: float, squared_length: float, ax: float, ay: float) -> float:
     """D of GGX (eq. 85) for a normal of any length.
 

@@ -4,27 +4,27 @@ from functools import lru_cache
 
 import numpy as np
 
-from . import microsurface as surface
 from .compiled import Array
 
 RESOLUTION = 128
 
 
 @lru_cache(maxsize=8)
-def quadrature_nodes(distribution: int, masking: int, resolution: int = RESOLUTION) -> Array:
-    """Rows (u0, u1, weight); the weights sum to 1.
+def quadrature_nodes(resolution: int = RESOLUTION) -> Array:
+    """Rows (azimuth from v, radius, weight), about `resolution`² of them; the weights sum to 1.
 
-    Gauss-Legendre with the cubic 3t² - 2t³ put in for t, which softens the ends of the interval where a sampler's map
-    is singular; an azimuth is periodic and takes equal steps instead.
+    Gauss-Legendre with the cubic 3t² - 2t³ put in for t, which softens the ends of an interval, where a sampler's map is
+    singular or, between quarters of the azimuth, a grazing v stops seeing facets.
     """
-    t, w = np.polynomial.legendre.leggauss(resolution)
+    quarter, quarter_weight = _softened(max(resolution // 4, 2))
+    azimuth = np.concatenate([(k + quarter) / 4.0 for k in range(4)])
+    radius, radius_weight = _softened(resolution)
+    u0, u1 = np.meshgrid(azimuth, radius, indexing="ij")
+    weights = np.outer(np.tile(quarter_weight / 4.0, 4), radius_weight)
+    return np.stack([u0.ravel(), u1.ravel(), weights.ravel()], axis=1)
+
+
+def _softened(count: int) -> tuple[Array, Array]:
+    t, w = np.polynomial.legendre.leggauss(count)
     t, w = 0.5 * (t + 1.0), 0.5 * w
-    smooth, smooth_weight = t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) * w
-    beckmann = distribution in (surface.BECKMANN, surface.BECKMANN_RATIONAL)
-    if beckmann and masking != surface.VCAVITY:
-        first, first_weight = smooth, smooth_weight
-    else:
-        first = (np.arange(resolution) + 0.5) / resolution
-        first_weight = np.full(resolution, 1.0 / resolution)
-    u0, u1 = np.meshgrid(first, smooth, indexing="ij")
-    return np.stack([u0.ravel(), u1.ravel(), np.outer(first_weight, smooth_weight).ravel()], axis=1)
+    return t * t * (3.0 - 2.0 * t), 6.0 * t * (1.0 - t) * w

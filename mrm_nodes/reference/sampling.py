@@ -3,7 +3,7 @@
 import math
 
 from .compiled import formula
-from .microsurface import GGX, PHONG, SQRT_PI, beckmann_projected_area
+from .microsurface import GGX, PHONG, SQRT_PI, beckmann_projected_area, stretched_azimuth
 
 
 @formula
@@ -128,9 +128,8 @@ def sample_visible_smith(
     u1: float,
 ) -> tuple[float, float, float]:
     """A normal visible from v (eq. 16) where masking does not depend on the normal, of unit length."""
-    # The direction in the standard configuration: Lᵀ on x and y, and the shear by the mean slope (Section 5.5).
-    x = ax * vx + correlation * ay * vy
-    y = math.sqrt(1.0 - correlation * correlation) * ay * vy
+    # The direction in the standard configuration, with the shear by the mean slope (Section 5.5).
+    x, y = stretched_azimuth(vx, vy, ax, ay, correlation)
     z = vz - mean_x * vx - mean_y * vy
     if distribution == GGX:
         sx, sy, sz = sample_visible_ggx(x, y, z, u0, u1)

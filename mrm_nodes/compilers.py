@@ -7,11 +7,11 @@ import importlib.util
 import os
 import shutil
 import subprocess
+import sys
 import tempfile
-import warnings
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -67,12 +67,7 @@ def check_shader(shader: Shader) -> Check:
     if not compiler.is_installed():
         return Check(shader.target, "unchecked", compiler.name, (f"not installed; {compiler.install}",))
     complaints = tuple(compiler.complaints(shader))
-    if not complaints:
-        return Check(shader.target, "compiled", compiler.name)
-    status: Status = (
-        "upstream" if shader.name != _UPSTREAM and upstream_complaints(shader.target) else "failed"
-    )
-    return Check(shader.target, status, compiler.name, complaints)
+    return Check(shader.target, "failed" if complaints else "compiled", compiler.name, complaints)
 
 
 def check_material(
@@ -81,31 +76,33 @@ def check_material(
     element: str | None = None,
     **options: Any,
 ) -> Check:
-    """Generate a material for a target and compile it. Options are those of `generate_shader`."""
+    """Generate a material for a target and compile it. Options are those of `generate_shader`.
+
+    Where it does not compile and MaterialX's own BSDFs do not either, the fault is upstream.
+    """
     try:
         shader = generate_shader(path_or_document, target, element, **options)
     except MrmError as error:
         return Check(target, "not generated", complaints=(str(error),))
-    return check_shader(shader)
+    check = check_shader(shader)
+    if check.status == "failed" and upstream_complaints(target, **options):
+        return replace(check, status="upstream")
+    return check
 
 
-_UPSTREAM = "materialx_own_nodes"
-
-
-@functools.cache
-def upstream_complaints(target: str) -> tuple[str, ...]:
-    """What the target's compiler says of MaterialX's own BSDFs, as the installed MaterialX generates them."""
+def upstream_complaints(target: str, **options: Any) -> tuple[str, ...]:
+    """What a target's compiler says of MaterialX's own BSDFs, generated with the same options."""
     document = mx.createDocument()
-    document.setDataLibrary(library.shared_library())
+    document.setDataLibrary(library.shared_library(options.get("libraries")))
     lobes = [
         document.addNode(f"{stem}_bsdf", stem, "BSDF")
         for stem in ("conductor", "dielectric", "generalized_schlick")
     ]
-    add_up(document, lobes, _UPSTREAM)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        check = check_material(document, target, _UPSTREAM)
-    return check.complaints if check.status in ("failed", "not generated") else ()
+    add_up(document, lobes, "materialx_own_nodes")
+    try:
+        return check_shader(generate_shader(document, target, **options)).complaints
+    except MrmError as error:
+        return (str(error),)
 
 
 def add_up(document: mx.Document, lobes: list[mx.Node], name: str) -> mx.Node:
@@ -151,7 +148,8 @@ def _write_stages(shader: Shader, folder: Path) -> tuple[Path, Path]:
     return vertex, pixel
 
 
-def _glslang(shader: Shader) -> list[str]:
+def glslang_complaints(shader: Shader) -> list[str]:
+    """What glslang says of a shader in GLSL or ESSL."""
     with tempfile.TemporaryDirectory() as folder:
         return _run("glslangValidator", "-l", *_write_stages(shader, Path(folder)))
 
@@ -281,13 +279,35 @@ def _metal(shader: Shader) -> list[str]:
         ]
 
 
+_BLENDER = "import bpy, _cycles, sys; sys.exit(not _cycles.osl_compile(*sys.argv[1:]))"
+
+
+def _osl(shader: Shader) -> list[str]:
+    includes = library.own_libraries() / "stdlib" / "genosl" / "include"
+    with tempfile.TemporaryDirectory() as folder:
+        source, compiled = Path(folder) / "shader.osl", Path(folder) / "shader.oso"
+        # Blender's compiler takes no search path.
+        source.write_text(
+            shader.pixel.replace('"mx_funcs.h"', f'"{includes / "mx_funcs.h"}"'), encoding="utf-8"
+        )
+        if shutil.which("oslc"):
+            return _run("oslc", "-q", "-o", compiled, source)
+        return _run(sys.executable, "-c", _BLENDER, source, compiled)
+
+
+def _has_osl() -> bool:
+    return shutil.which("oslc") is not None or _has_module("bpy")()
+
+
 _APT = "Debian, Ubuntu: apt-get install"
 _PIP = "pip install 'mrm-nodes[targets]'"
 
 #: By target; a target that is not here is generated and no more.
 COMPILERS: dict[str, Compiler] = {
     "glsl": Compiler("OpenGL driver", f"{_APT} libegl1 libgl1-mesa-dri", _has_driver, _driver),
-    "essl": Compiler("glslang", f"{_APT} glslang-tools", _has_commands("glslangValidator"), _glslang),
+    "essl": Compiler(
+        "glslang", f"{_APT} glslang-tools", _has_commands("glslangValidator"), glslang_complaints
+    ),
     "vulkan": Compiler(
         "glslang, spirv-val",
         f"{_APT} glslang-tools spirv-tools",
@@ -297,4 +317,5 @@ COMPILERS: dict[str, Compiler] = {
     "wgsl": Compiler("naga", f"{_PIP}; {_APT} mesa-vulkan-drivers", _has_naga, _naga),
     "slang": Compiler("slang", _PIP, _has_module("slangpy"), _slang),
     "msl": Compiler("clang, stub of metal_stdlib", f"{_APT} clang", _has_commands("clang++"), _metal),
+    "osl": Compiler("OSL", "oslc of Open Shading Language, or Blender's: pip install bpy", _has_osl, _osl),
 }

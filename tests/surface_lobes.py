@@ -1,0 +1,257 @@
+"""The instrument of the surfaces' tests: random parameters and points, and what the base specular should be."""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import MaterialX as mx
+import numpy as np
+from numpy.typing import NDArray
+
+import mrm_nodes
+from mrm_nodes import library
+from mrm_nodes import reference as ref
+from mrm_nodes.render.renderer import shared_renderer
+from mrm_nodes.render.scene import DirectionalLight
+from mrm_nodes.shadergen import Shader
+from mrm_nodes.surfaces import Surface
+
+Array = NDArray[np.float64]
+Values = dict[str, Any]
+
+EYE = np.array([0.0, 0.0, 4.0])
+
+#: Ranges of the inputs that are not shares from 0 to 1, by a part of the input's name.
+_RANGES = {
+    "ior": (1.1, 2.2),
+    "abbe": (20.0, 60.0),
+    "thin_film_thickness": (0.05, 1.0),
+    "iridescence_thickness": (50.0, 800.0),
+    "emiss": (0.0, 0.2),
+    "attenuation_distance": (0.1, 2.0),
+}
+#: Inputs that switch a whole lobe: often fully off, or fully on.
+_SWITCHES = re.compile(r"weight|metal|^(coat|sheen|transmission|subsurface|clearcoat|iridescence)$")
+
+
+@functools.cache
+def shader_of(node: str) -> Shader:
+    """The GLSL of a surface alone, every input a uniform, with room for one light."""
+    document = mx.createDocument()
+    shader = document.addNode(node, "shader", "surfaceshader")
+    document.addMaterialNode("material", shader)
+    return mrm_nodes.generate_shader(document, max_lights=1)
+
+
+def with_clamped_fresnel(shader: Shader) -> Shader:
+    """MaterialX's shader with its Fresnel factor held to [0, 1], as our nodes do: the README says why."""
+    pattern = r"(vec3\s+F = )(mx_compute_fresnel\((?:VdotH|NdotV), fd\));"
+    pixel, count = re.subn(pattern, r"\1clamp(\2, 0.0, 1.0);", shader.pixel)
+    assert count >= 4
+    return replace(shader, name=f"{shader.name}_clamped", pixel=pixel)
+
+
+def random_values(node: str, rng: np.random.Generator, anisotropic: bool = False) -> Values:
+    """A value for every input of a surface that shapes its lobes; geometry and opacity stay as they are."""
+    values: Values = {}
+    for one in _inputs(node):
+        name, kind = one.getName(), one.getType()
+        if kind not in ("float", "color3") or "alpha" in name or "opacity" in name:
+            continue
+        is_base = not name.startswith(("coat", "transmission", "subsurface"))
+        if "anisotropy" in name and is_base and not anisotropic:
+            continue
+        low, high = next((span for part, span in _RANGES.items() if part in name.lower()), (0.0, 1.0))
+        value = rng.uniform(low, high, 3) if kind == "color3" else rng.uniform(low, high)
+        if node.endswith("standard_surface") and name == "thin_film_thickness":
+            value = rng.choice([0.0, rng.uniform(50.0, 800.0)])
+        elif kind == "float" and _SWITCHES.search(name):
+            value = rng.choice([0.0, value, 1.0], p=[0.4, 0.4, 0.2])
+        values[name] = value
+    return values
+
+
+@functools.cache
+def _inputs(node: str) -> list[mx.Input]:
+    versions = library.shared_library().getMatchingNodeDefs(node)
+    return next(one for one in versions if one.getDefaultVersion()).getActiveInputs()
+
+
+def roughness_of(values: Mapping[str, Any]) -> float:
+    """The perceptual roughness of the base specular."""
+    return float(values.get("specular_roughness", values.get("roughness", 0.5)))
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points with their own normals and tangents under one light; v and l in each one's shading frame."""
+
+    attributes: dict[str, Array]
+    light: DirectionalLight
+    v: Array
+    l: Array  # noqa: E741  the field's own name
+
+    @property
+    def lit(self) -> NDArray[np.bool_]:
+        """Where the light is above the shading horizon and the view is not on it."""
+        return (self.l[:, 2] > 1e-3) & (self.v[:, 2] > 1e-3)
+
+
+def random_points(rng: np.random.Generator, n: int, alpha: float) -> Points:
+    """n points: a third on the mirror-like lobe of width alpha, a third on the retro lobe, a third anywhere."""
+    to_light = _unit(rng.normal(size=3))
+    position = rng.normal(size=(n, 3))
+    near = EYE + rng.uniform(-6.0, -1.0, (n, 1)) * to_light + alpha * rng.normal(size=(n, 3))
+    kind = rng.integers(3, size=(n, 1))
+    position = np.where(kind == 1, near, position).astype(np.float32).astype(np.float64)
+    view = _unit(EYE - position)
+    half = _unit(view + to_light)
+    normal = np.where(
+        kind == 0, _unit(half + alpha * rng.normal(size=(n, 3))), _unit(rng.normal(size=(n, 3)))
+    )
+    normal = normal.astype(np.float32).astype(np.float64)
+    tangent = np.cross(normal, _unit(rng.normal(size=(n, 3)))).astype(np.float32).astype(np.float64)
+    light = DirectionalLight((-to_light[0], -to_light[1], -to_light[2]))
+
+    z = _unit(normal)
+    z = np.where(_dot(z, view) < 0, -z, z)
+    x = _unit(tangent - _dot(tangent, z) * z)
+    frame = np.stack([x, np.cross(z, x), z], axis=-2)
+    direction = -np.asarray(light.direction, np.float32).astype(np.float64)
+    attributes = {
+        "position": position,
+        "normal": normal,
+        "tangent": tangent,
+        "bitangent": np.cross(normal, tangent),
+        "texcoord_0": rng.random((n, 2)),
+    }
+    v = np.einsum("nij,nj->ni", frame, view)
+    l = np.einsum("nij,j->ni", frame, direction)  # noqa: E741  the field's own name
+    return Points(attributes, light, _unit(v), _unit(l))
+
+
+def draw(shader: Shader, points: Points, values: Mapping[str, Any]) -> Array:
+    """What the shader makes of the points, (n, 3); values by the surface's inputs, unknown ones left out."""
+    known = {one.getName() for one in shader.document.getNode("shader").getNodeDef().getActiveInputs()}
+    uniforms = {
+        f"shader/{name}": np.asarray(value, np.float64).tolist()
+        for name, value in values.items()
+        if name in known
+    }
+    declared = {name for name in points.attributes if f"i_{name}" in shader.vertex} | {"position"}
+    attributes = {name: points.attributes[name] for name in points.attributes if name in declared}
+    drawn = shared_renderer().draw_points(shader, attributes, EYE, [points.light], uniforms)
+    return drawn["image"].astype(np.float64)
+
+
+@dataclass(frozen=True)
+class BaseSpecular:
+    """The evaluator's BSDF of a base specular, the same lobe with a Fresnel factor of 1, and the smaller alpha."""
+
+    bsdf: Any
+    white: Any
+    alpha: float
+
+
+def base_specular(surface: Surface, values: Mapping[str, Any], weight: float) -> BaseSpecular:
+    """What a surface is whose only lobe is its base specular: metal or dielectric, with a film or without.
+
+    The graphs' own arithmetic (MaterialX's pbrlib and bxdf) in float64.
+    """
+    v = {name: np.asarray(value, np.float32).astype(np.float64) for name, value in values.items()}
+    make, arguments, alpha = _PARAMETERS[surface.node](v)
+    alpha = np.clip(alpha, 1e-8, 1.0)  # as MaterialX's nodes do
+    lobe = {
+        "alpha": alpha,
+        "retroreflectivity": np.float64(np.float32(weight)),
+        "energy_compensation": library.host().compensation,
+    }
+    white = ref.GeneralizedSchlick(np.ones(3), **lobe)
+    return BaseSpecular(make(**arguments, **lobe), white, float(min(alpha)))
+
+
+def _open_pbr(v: Values) -> tuple[Any, Values, tuple[float, float]]:
+    across = 1.0 - v.get("specular_roughness_anisotropy", 0.0)
+    along = v["specular_roughness"] ** 2 * np.sqrt(2.0 / (1.0 + across**2))
+    film = {
+        "thinfilm_thickness": v["thin_film_weight"] * v["thin_film_thickness"] * 1e3,
+        "thinfilm_ior": v["thin_film_ior"],
+    }
+    alpha = (along, across * along)
+    if v["base_metalness"] == 1.0:
+        # Until 1.39.4, the graph has the tint times the weight; the weight is 1 here.
+        colors = {"color0": v["base_color"] * v["base_weight"], "color82": v["specular_color"]}
+        return ref.GeneralizedSchlick, colors | film, alpha
+    f0 = v["specular_weight"] * ((v["specular_ior"] - 1.0) / (v["specular_ior"] + 1.0)) ** 2
+    ior = (1.0 + np.sqrt(f0)) / (1.0 - np.sqrt(f0))
+    return ref.Dielectric, {"ior": ior, "tint": v["specular_color"]} | film, alpha
+
+
+def _gltf(v: Values) -> tuple[Any, Values, tuple[float, float]]:
+    across = np.clip(v["roughness"] ** 2, 1e-5, 1.0)
+    along = across + (1.0 - across) * v.get("anisotropy_strength", 0.0) ** 2
+    film = {
+        "thinfilm_thickness": v["iridescence"] * v["iridescence_thickness"],
+        "thinfilm_ior": v["iridescence_ior"],
+    }
+    if v["metallic"] == 1.0:
+        return ref.GeneralizedSchlick, {"color0": v["base_color"]} | film, (along, across)
+    f0 = np.minimum(v["specular_color"] * ((1.0 - v["ior"]) / (1.0 + v["ior"])) ** 2, 1.0)
+    colors = {"color0": f0 * v["specular"], "color90": np.ones(3) * v["specular"]}
+    return ref.GeneralizedSchlick, colors | film, (along, across)
+
+
+def _standard(v: Values) -> tuple[Any, Values, tuple[float, float]]:
+    aspect = np.sqrt(1.0 - np.minimum(v.get("specular_anisotropy", 0.0), 0.98))
+    square = v["specular_roughness"] ** 2
+    film = {"thinfilm_thickness": v["thin_film_thickness"], "thinfilm_ior": v["thin_film_IOR"]}
+    alpha = (np.minimum(square / aspect, 1.0), square * aspect)
+    if v["metalness"] == 1.0:
+        n, k = _artistic_ior(v["base_color"] * v["base"], v["specular_color"] * v["specular"])
+        return ref.Conductor, {"ior": n, "extinction": k} | film, alpha
+    return ref.Dielectric, {"ior": v["specular_IOR"], "tint": v["specular_color"]} | film, alpha
+
+
+_PARAMETERS = {"open_pbr_surface": _open_pbr, "gltf_pbr": _gltf, "standard_surface": _standard}
+
+
+def _artistic_ior(reflectivity: Array, edge_color: Array) -> tuple[Array, Array]:
+    """Index and extinction from the colours of a metal: Gulbrandsen, JCGT 3(4), 2014."""
+    r = np.clip(reflectivity, 0.0, 0.99)
+    low, high = (1.0 - r) / (1.0 + r), (1.0 + np.sqrt(r)) / (1.0 - np.sqrt(r))
+    n = high + (low - high) * edge_color
+    k2 = ((n + 1.0) ** 2 * r - (n - 1.0) ** 2) / (1.0 - r)
+    return n, np.sqrt(np.maximum(k2, 0.0))
+
+
+def only_base_specular(surface: Surface, values: Values, metal: bool, film: bool) -> Values:
+    """The values with every other lobe off."""
+    off = {
+        "open_pbr_surface": "transmission_weight subsurface_weight fuzz_weight coat_weight "
+        "emission_luminance",
+        "gltf_pbr": "transmission sheen_color clearcoat emissive",
+        "standard_surface": "transmission subsurface sheen coat emission",
+    }[surface.node]
+    values = values | dict.fromkeys(off.split(), 0.0)
+    values |= {name: np.zeros(3) for name in ("sheen_color", "emissive") if surface.node == "gltf_pbr"}
+    if surface.node == "open_pbr_surface":
+        values |= {"base_metalness": float(metal), "thin_film_weight": float(film), "specular_weight": 1.0}
+        return values if metal else values | {"base_weight": 0.0}
+    if surface.node == "gltf_pbr":
+        values |= {"metallic": float(metal), "iridescence": float(film), "anisotropy_rotation": 0.0}
+        return values if metal else values | {"base_color": np.zeros(3)}
+    values |= {"metalness": float(metal), "specular": 1.0}
+    values |= {"thin_film_thickness": 420.0 if film else 0.0, "specular_rotation": 0.0}
+    return values if metal else values | {"base": 0.0}
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.sum(a * b, axis=-1, keepdims=True)
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector, axis=-1, keepdims=True)

@@ -1,0 +1,28 @@
+"""One worker per backend and session; a backend that is missing skips its tests, or fails them where it is required."""
+
+import pytest
+
+from mrm_nodes.regression.run import required_backends
+from mrm_nodes.regression.worker import Worker
+from mrm_nodes.render.context import BACKENDS, probe_backends
+
+
+@pytest.fixture(scope="session", params=BACKENDS)
+def worker(request):
+    """A worker on each backend in turn."""
+    probe = next(each for each in probe_backends() if each.backend == request.param)
+    if not probe.works:
+        reason = f"{probe.backend}: {probe.reason}; {probe.hint}"
+        (pytest.fail if probe.backend in required_backends() else pytest.skip)(reason)
+    return Worker(request.param)
+
+
+@pytest.fixture(scope="session")
+def working_backend():
+    """The first backend that works."""
+    for probe in probe_backends():
+        if probe.works:
+            return probe.backend
+    if required_backends():
+        pytest.fail("no backend works")
+    return pytest.skip("no backend works")

@@ -178,9 +178,10 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     vec3 H = normalize(L + V);
     float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
     float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
-    // Of two nearly opposite directions H has lost its digits; the length of their sum, twice this cosine, has not.
-    float VdotH = dot(V, H);
-    VdotH = clamp(VdotH < 0.1 ? 0.5 * length(L + V) : VdotH, M_FLOAT_EPS, 1.0);
+    // The half-angle's cosine is dot(V, H) and half the length of L + V. Where they are nearly opposite H has lost
+    // its digits and the length has not; elsewhere Fresnel keeps MaterialX's expression.
+    float halfCosine = max(0.5 * length(L + V), M_FLOAT_EPS);
+    float VdotH = clamp(halfCosine < 0.1 ? halfCosine : dot(V, H), M_FLOAT_EPS, 1.0);
     vec3 Ht = vec3(dot(H, X), dot(H, Y), dot(H, N));
     vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
     vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
@@ -188,7 +189,7 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
     compensation = mrm_energy_compensation(F, fd, E);
     float D = mrm_ndf(Ht, lobe);
-    float G = mrm_masking_shadowing(Vt, Lt, Ht.z, VdotH, lobe);
+    float G = mrm_masking_shadowing(Vt, Lt, Ht.z, halfCosine, lobe);
     return D * F * G * compensation / (4.0 * NdotV);
 }
 

@@ -226,9 +226,9 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
         {
             back = mrm_reflection(Vr, L, N, X, Y, E, fd, lobe, backCompensation);
         }
-        compensation = forwardCompensation + (backCompensation - forwardCompensation) * retro;
+        compensation = (1.0 - retro) * forwardCompensation + retro * backCompensation;
         // Nothing comes from below the horizon, where MaterialX's clamp leaks a little.
-        response = dot(N, L) > 0.0 ? (forward + (back - forward) * retro) * closureData.occlusion : vec3(0.0);
+        response = dot(N, L) > 0.0 ? ((1.0 - retro) * forward + retro * back) * closureData.occlusion : vec3(0.0);
     }
     else
     {

@@ -78,31 +78,42 @@ def check_material(
 ) -> Check:
     """Generate a material for a target and compile it. Options are those of `generate_shader`.
 
-    Where it does not compile and MaterialX's own BSDFs do not either, the fault is upstream.
+    Where it does not compile, and does not either with MaterialX's own nodes in place of ours, the fault is
+    upstream.
     """
     try:
         shader = generate_shader(path_or_document, target, element, **options)
     except MrmError as error:
         return Check(target, "not generated", complaints=(str(error),))
     check = check_shader(shader)
-    if check.status == "failed" and upstream_complaints(target, **options):
+    if check.status == "failed" and upstream_complaints(shader.document, target, element, **options):
         return replace(check, status="upstream")
     return check
 
 
-def upstream_complaints(target: str, **options: Any) -> tuple[str, ...]:
-    """What a target's compiler says of MaterialX's own BSDFs, generated with the same options."""
-    document = mx.createDocument()
-    document.setDataLibrary(library.shared_library(options.get("libraries")))
-    lobes = [
-        document.addNode(f"{stem}_bsdf", stem, "BSDF")
-        for stem in ("conductor", "dielectric", "generalized_schlick")
-    ]
-    add_up(document, lobes, "materialx_own_nodes")
+def upstream_complaints(
+    document: mx.Document, target: str, element: str | None = None, **options: Any
+) -> tuple[str, ...]:
+    """What a target's compiler says of a document with MaterialX's own nodes in place of ours."""
+    own = mx.createDocument()
+    own.copyContentFrom(document)
+    if document.hasDataLibrary():
+        own.setDataLibrary(document.getDataLibrary())
+    for node in own.traverseTree():
+        if not isinstance(node, mx.Node) or not node.getCategory().startswith("mrm_"):
+            continue
+        node.setCategory(node.getCategory().removeprefix("mrm_"))
+        declared = own.getMatchingNodeDefs(node.getCategory())
+        known = {each.getName() for definition in declared for each in definition.getActiveInputs()}
+        for given in node.getInputs():
+            if given.getName() not in known:
+                node.removeInput(given.getName())
+        # Their distribution has one value.
+        node.removeInput("distribution")
     try:
-        return check_shader(generate_shader(document, target, **options)).complaints
-    except MrmError as error:
-        return (str(error),)
+        return check_shader(generate_shader(own, target, element, **options)).complaints
+    except MrmError:
+        return ()  # no such document without ours
 
 
 def add_up(document: mx.Document, lobes: list[mx.Node], name: str) -> mx.Node:
@@ -260,8 +271,9 @@ def _slang(shader: Shader) -> list[str]:
         ]
         session.link_program(modules, [entry for module in modules for entry in module.entry_points])
     except Exception as error:  # slangpy's own exception types
-        lines = [line.strip() for line in str(error).splitlines()]
-        return [line for line in lines if "error" in line.lower()][:5] or lines[:1]
+        # A paragraph for each complaint, with the source below the message.
+        paragraphs = [" ".join(paragraph.split()) for paragraph in str(error).split("\n\n")]
+        return [paragraph for paragraph in paragraphs if "error[" in paragraph][:5] or paragraphs[:1]
     return []
 
 

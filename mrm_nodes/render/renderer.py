@@ -383,6 +383,9 @@ class Renderer:
             if name in values and values[name].type == "filename":
                 if value:
                     unit += 1
+                    if unit >= self._gl.ctx.max_texture_units:
+                        limit = self._gl.ctx.max_texture_units - 1
+                        raise MrmError(f"{shader.name}: more images than this driver reads at once, {limit}")
                     self._bind_image(shader, values, name, unit)
                 uniform.value = unit if value else _BLACK_UNIT
             elif name != "mrm_grid":

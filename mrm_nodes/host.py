@@ -13,6 +13,7 @@ from mrm_nodes.errors import MrmError
 CLOSURE_TYPE = Path("pbrlib/genglsl/lib/mx_closure_type.glsl")
 _MICROFACET = Path("pbrlib/genglsl/lib/mx_microfacet_specular.glsl")
 _DEFINITIONS = Path("pbrlib/pbrlib_defs.mtlx")
+_MATH = Path("stdlib/genglsl/lib/mx_math.glsl")
 
 #: Rules of energy compensation, by the names that the evaluator has for them.
 Compensation = Literal["materialx-1.39.5", "materialx-1.39.6"]
@@ -28,6 +29,8 @@ class Host:
     """Whether its own microfacet nodes have the switch `retroreflective` (from 1.39.5)."""
     forward_targets: frozenset[str] = frozenset({"genosl"})
     """Targets without GLSL that drop the switch: they render the forward lobe only."""
+    has_matrix_function: bool = True
+    """Whether its GLSL multiplies a matrix with a vector by a function of its own (from 1.39.5)."""
 
 
 def read_host(libraries: Path) -> Host:
@@ -56,6 +59,7 @@ def read_host(libraries: Path) -> Host:
             for target in ("genosl", "genmdl")
             if not has_retroreflective or not _passes_on_retroreflective(libraries, target)
         ),
+        has_matrix_function="mx_matrix_mul" in (libraries / _MATH).read_text(encoding="utf-8"),
     )
 
 

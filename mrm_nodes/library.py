@@ -168,6 +168,8 @@ def _write_nodes(folder: Path, rules: Host, libraries: str) -> None:
     include = (folder / HOST_INCLUDE).read_text(encoding="utf-8")
     include = re.sub(r'#include ".*"', f'#include "{libraries}/{CLOSURE_TYPE.as_posix()}"', include)
     include = re.sub(r"(#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL) \d", rf"\g<1> {by_average:d}", include)
+    if not rules.has_matrix_function:
+        include = include.replace("mx_matrix_mul(m, v)", "((m) * (v))")
     (folder / HOST_INCLUDE).write_text(include, encoding="utf-8")
 
     blend, forward = (folder / "mtlx" / "mrm" / name for name in (_BLEND_GRAPHS, _FORWARD_GRAPHS))

@@ -8,6 +8,7 @@ import importlib
 import math
 import os
 import pkgutil
+import re
 import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -31,6 +32,9 @@ _ENVIRONMENTS = {
     "fis": "SPECULAR_ENVIRONMENT_FIS",
     "prefilter": "SPECULAR_ENVIRONMENT_PREFILTER",
 }
+#: The GLSL macro by which our nodes learn the method, and its value: one loop then serves both lobes.
+_ENVIRONMENT_MACRO = "MRM_ENVIRONMENT"
+_ENVIRONMENT_VALUES = {"fis": 1, "prefilter": 2}
 _INTERFACES = {"complete": "SHADER_INTERFACE_COMPLETE", "reduced": "SHADER_INTERFACE_REDUCED"}
 
 
@@ -190,11 +194,22 @@ def generate_shader(
         name=name,
         target=target,
         vertex=_source(shader, "vertex"),
-        pixel=_source(shader, "pixel"),
+        pixel=_knowing_environment(_source(shader, "pixel"), environment),
         mx=shader,
         document=document,
         search_path=image_path,
     )
+
+
+def _knowing_environment(source: str, environment: str) -> str:
+    """Define the macro that tells our nodes the environment method, where they are part of the source."""
+    if _ENVIRONMENT_MACRO not in source or environment not in _ENVIRONMENT_VALUES:
+        return source
+    define = f"#define {_ENVIRONMENT_MACRO} {_ENVIRONMENT_VALUES[environment]}\n"
+    # Nothing but comments may come before GLSL's version.
+    version = re.search(r"^#version.*\n", source, re.MULTILINE)
+    place = version.end() if version else 0
+    return source[:place] + define + source[place:]
 
 
 def _without_distributions(document: mx.Document) -> mx.Document:

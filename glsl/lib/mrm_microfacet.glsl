@@ -193,6 +193,8 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData
     return D * F * G * compensation / (4.0 * NdotV);
 }
 
+#include "mrm_environment.glsl"
+
 // One microfacet BSDF with its retro twin, blended by retroreflectivity: [MRM] eq. 10 and section 4.
 // N, X: shading normal and tangent in world space. AB: the split sum of the directional albedo, for the layers below.
 // Out: response (the light's cosine and occlusion included, weight and tint not) and the compensation that layering needs.
@@ -233,24 +235,18 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
     else
     {
         // Both lobes see the same N.V, so they share Fresnel, compensation and albedo.
+#if MRM_ENVIRONMENT != MRM_ENVIRONMENT_FIS
         // The host's environment functions are GGX with Smith, whatever the node asks for.
         lobe.distribution = MRM_GGX;
         lobe.masking = MRM_SMITH;
+#endif
         vec3 F = clamp(mx_compute_fresnel(NdotV, fd), 0.0, 1.0);
         AB = mrm_directional_albedo(NdotV, lobe);
         compensation = mrm_energy_compensation(F, fd, AB.x + AB.y);
 
         if (closureData.closureType == CLOSURE_TYPE_INDIRECT)
         {
-            vec3 Li = vec3(0.0);
-            if (retro < 1.0)
-            {
-                Li = Li + (1.0 - retro) * mx_environment_radiance(N, V, X, lobe.alpha, MRM_GGX, fd);
-            }
-            if (retro > 0.0)
-            {
-                Li = Li + retro * mx_environment_radiance(N, Vr, X, lobe.alpha, MRM_GGX, fd);
-            }
+            vec3 Li = mrm_environment_radiance(N, V, X, retro, fd, lobe);
             response = Li * compensation;
         }
     }

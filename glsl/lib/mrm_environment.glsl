@@ -1,0 +1,90 @@
+// Image light on a microfacet lobe and its retro twin, blended: no compensation, weight or tint.
+//
+// Turning the view about N turns the light instead: E_mrm(v) is the integral of f(v, l) Li(Rl), [MRM] eq. 3 and 10.
+// One sample of the forward lobe so serves both, with the same Fresnel, masking and density.
+#if MRM_ENVIRONMENT == MRM_ENVIRONMENT_FIS
+
+// Filtered importance sampling, Krivanek and Colbert 2008, with the host's sampler and filter and the node's own lobe.
+vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe)
+{
+    X = normalize(X - dot(X, N) * N);
+    vec3 Y = cross(N, X);
+    vec3 Vt = vec3(dot(V, X), dot(V, Y), clamp(dot(V, N), M_FLOAT_EPS, 1.0));
+    float G1 = 2.0 * Vt.z / (Vt.z + length(vec3(Vt.xy * lobe.alpha, Vt.z)));
+
+    // The frame in the space of the map: a rotation less in the loop.
+    vec3 mapX = normalize(MRM_MATRIX_MUL($envMatrix, vec4(X, 0.0)).xyz);
+    vec3 mapY = normalize(MRM_MATRIX_MUL($envMatrix, vec4(Y, 0.0)).xyz);
+    vec3 mapN = normalize(MRM_MATRIX_MUL($envMatrix, vec4(N, 0.0)).xyz);
+    mat4 identity = mat4(1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+
+    vec3 radiance = vec3(0.0);
+    int count = $envRadianceSamples;
+    for (int i = 0; i < count; i++)
+    {
+        vec3 Ht = mx_ggx_importance_sample_VNDF(mx_spherical_fibonacci(i, count), Vt, lobe.alpha);
+        float VdotH = clamp(dot(Vt, Ht), M_FLOAT_EPS, 1.0);
+        vec3 Lt = 2.0 * VdotH * Ht - Vt;
+        float pdf = mx_ggx_NDF(Ht, lobe.alpha) * G1 / (4.0 * Vt.z);
+
+        vec3 up = mapN * Lt.z;
+        vec3 across = mapX * Lt.x + mapY * Lt.y;
+        vec3 Li = vec3(0.0);
+        if (retro < 1.0)
+        {
+            float lod = mx_latlong_compute_lod(up + across, pdf, float($envRadianceMips - 1), count);
+            Li = Li + (1.0 - retro) * mx_latlong_map_lookup(up + across, identity, lod, $envRadiance);
+        }
+        if (retro > 0.0)
+        {
+            float lod = mx_latlong_compute_lod(up - across, pdf, float($envRadianceMips - 1), count);
+            Li = Li + retro * mx_latlong_map_lookup(up - across, identity, lod, $envRadiance);
+        }
+
+        vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
+        float D = mrm_ndf(Ht, lobe);
+        Lt.z = max(Lt.z, M_FLOAT_EPS);
+        float G = mrm_masking_shadowing(Vt, Lt, Ht.z, VdotH, lobe);
+        radiance = radiance + F * Li * (D * G / (4.0 * Vt.z * pdf));
+    }
+    return count == 0 ? vec3(0.0) : radiance * ($envLightIntensity / float(count));
+}
+
+#elif MRM_ENVIRONMENT == MRM_ENVIRONMENT_PREFILTER
+
+// The host's prefiltered method: GGX with Smith, whatever the node asks for. The mirror's retro twin looks back along V.
+vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe)
+{
+    float alpha = mx_average_alpha(lobe.alpha);
+    float lod = mx_latlong_alpha_to_lod(alpha);
+    vec3 Li = vec3(0.0);
+    if (retro < 1.0)
+    {
+        Li = Li + (1.0 - retro) * mx_latlong_map_lookup(reflect(-V, N), $envMatrix, lod, $envRadiance);
+    }
+    if (retro > 0.0)
+    {
+        Li = Li + retro * mx_latlong_map_lookup(V, $envMatrix, lod, $envRadiance);
+    }
+    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
+    return Li * mx_ggx_dir_albedo(NdotV, alpha, fd) * $envLightIntensity;
+}
+
+#else
+
+// The host's own function, once for each lobe: GGX with Smith, whatever the node asks for.
+vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe)
+{
+    vec3 Li = vec3(0.0);
+    if (retro < 1.0)
+    {
+        Li = Li + (1.0 - retro) * mx_environment_radiance(N, V, X, lobe.alpha, MRM_GGX, fd);
+    }
+    if (retro > 0.0)
+    {
+        Li = Li + retro * mx_environment_radiance(N, reflect(-V, N), X, lobe.alpha, MRM_GGX, fd);
+    }
+    return Li;
+}
+
+#endif

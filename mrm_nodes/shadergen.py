@@ -169,7 +169,12 @@ def generate_shader(
     context = mx_gen_shader.GenContext(generator)
     search_path = library.search_path(libraries)
     context.registerSourceCodeSearchPath(search_path)
+    # Decodes what a document tags, such as an srgb_texture image.
+    colors = mx_gen_shader.DefaultColorManagementSystem.create(generator.getTarget())
+    colors.loadLibrary(library.shared_library(libraries))
+    generator.setColorManagementSystem(colors)
     options = context.getOptions()
+    options.targetColorSpaceOverride = "lin_rec709"
     options.hwMaxActiveLightSources = max_lights
     options.hwSpecularEnvironmentMethod = getattr(
         mx_gen_shader.HwSpecularEnvironmentMethod, _ENVIRONMENTS[environment]

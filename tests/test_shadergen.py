@@ -345,3 +345,16 @@ def test_what_materialx_can_live_with_is_no_fault(tmp_path: Path):
         '<input name="ior" type="float" nodename="glass" value="1.4" />' + value("weight", "float", "")
     )
     assert mrm_nodes.generate_shader(write(tmp_path, elements)).pixel
+
+
+def test_an_image_tagged_srgb_is_decoded() -> None:
+    document = mx.createDocument()
+    image = document.addNode("image", "image", "color3")
+    file = image.addInput("file", "filename")
+    file.setValueString("any.png")
+    file.setColorSpace("srgb_texture")
+    emission = document.addNode("uniform_edf", "emission", "EDF")
+    emission.addInput("color", "color3").setNodeName("image")
+    surface = document.addNode("surface", "surface", "surfaceshader")
+    surface.addInput("edf", "EDF").setNodeName("emission")
+    assert "srgb_texture_to_lin_rec709" in generate_shader(document).pixel

@@ -357,4 +357,4 @@ def test_an_image_tagged_srgb_is_decoded() -> None:
     emission.addInput("color", "color3").setNodeName("image")
     surface = document.addNode("surface", "surface", "surfaceshader")
     surface.addInput("edf", "EDF").setNodeName("emission")
-    assert "srgb_texture_to_lin_rec709" in generate_shader(document).pixel
+    assert "srgb_texture_to_lin_rec709" in mrm_nodes.generate_shader(document).pixel

@@ -1,24 +1,36 @@
 """The float64 evaluator: what the papers say, for arrays of any shape."""
 
 from .bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick
-from .diffuse import eon, lambert
+from .diffuse import eon, lambert, oren_nayar
 from .distributions import GGX, Beckmann, BeckmannRational
 from .energy import average_albedo, white_albedo
 from .fresnel import fresnel_conductor, fresnel_dielectric, fresnel_schlick
+from .layers import Add, Closure, Lambert, Layer, Leaf, Mix, Multiply, OrenNayar
+from .phong import Phong
 
 __all__ = [
     "GGX",
+    "Add",
     "Beckmann",
     "BeckmannRational",
     "BsdfSample",
+    "Closure",
     "Conductor",
     "Dielectric",
     "GeneralizedSchlick",
+    "Lambert",
+    "Layer",
+    "Leaf",
+    "Mix",
+    "Multiply",
+    "OrenNayar",
+    "Phong",
     "average_albedo",
     "eon",
     "fresnel_conductor",
     "fresnel_dielectric",
     "fresnel_schlick",
     "lambert",
+    "oren_nayar",
     "white_albedo",
 ]

@@ -1,13 +1,13 @@
 """Rational fits of directional albedo: one table of coefficients for each pair of distribution and masking.
 
-A lobe whose reflectance is Schlick's, F0 + (F90 - F0)(1 - v.h)^5, has the directional albedo F0 A + F90 B, and a white
-one E = A + B. Each of A and B is a ratio of biquadratics in x = n.v and y = alpha, clamped to [0, 1]. Rows are the terms
-1, x, y, xy, x², y², x²y, xy², x²y²; columns are the numerators of A and B, then their denominators.
+A lobe whose reflectance is Schlick's, F0 + (F90 - F0)(1 - v.h)^5, has the directional albedo F0 A + F90 B,
+and a white one E = A + B. Each of A and B is a ratio of biquadratics in x = n.v and y = alpha, clamped to
+[0, 1]. Rows are the terms 1, x, y, xy, x², y², x²y, xy², x²y²; columns are the numerators of A and B, then
+their denominators.
 
-GGX with Smith's height-correlated masking is MaterialX 1.39's own fit. The others are ours, made by `fit` below from the
-evaluator's quadrature and constrained to E_fit >= E - BOUND, so that compensation makes no energy beyond that.
-`python -m mrm_nodes.reference.albedo_fit` makes them again.
-"""
+GGX with Smith's height-correlated masking is MaterialX 1.39's own fit. The others are ours, made by `fit`
+below from the evaluator's quadrature and constrained to E_fit >= E - BOUND, so that compensation makes no
+energy beyond that. `python -m mrm_nodes.reference.albedo_fit` makes them again."""
 
 import numpy as np
 
@@ -76,7 +76,7 @@ COEFFICIENTS: dict[Pair, tuple[tuple[float, float, float, float], ...]] = {
 
 def split_sum(pair: Pair, cosine: Array, alpha: Array) -> tuple[Array, Array]:
     """The terms A and B of a pair's directional albedo F0 A + F90 B, at n.v and alpha, which broadcast."""
-    x, y = cosine, alpha
-    terms = (1.0, x, y, x * y, x * x, y * y, x * x * y, x * y * y, x * x * y * y)
-    sums = [sum(row[k] * term for row, term in zip(COEFFICIENTS[pair], terms, strict=True)) for k in range(4)]
+    x, y = np.broadcast_arrays(cosine, alpha)
+    terms = np.stack([np.ones_like(x), x, y, x * y, x * x, y * y, x * x * y, x * y * y, (x * y) ** 2])
+    sums = np.einsum("kc,k...->c...", np.array(COEFFICIENTS[pair]), terms)
     return np.clip(sums[0] / sums[2], 0.0, 1.0), np.clip(sums[1] / sums[3], 0.0, 1.0)

@@ -1,9 +1,8 @@
 """A block of configurations in registers' order, and what a kernel is told beside it.
 
-Inputs are copied, a block at a time, into rows of one scratch array; a pass over the block is then one formula in a
-loop of constant length over rows, which the compiler turns into vector instructions. A row is named by the offset
-of its first element.
-"""
+Inputs are copied, a block at a time, into rows of one scratch array; a pass over the block is then one
+formula in a loop of constant length over rows, which the compiler turns into vector instructions. A row is
+named by the offset of its first element."""
 
 from typing import Any
 
@@ -16,7 +15,8 @@ VX, VY, VZ, LX, LY, LZ = (BLOCK * k for k in range(6))
 # Parameters: colours A, B, C are index and extinction, or f0, f82 and f90; T is the tint.
 AX, AY, RETRO, A0, A1, A2, B0, B1, B2, C0, C1, C2 = (BLOCK * k for k in range(6, 18))
 EXPONENT, FILM, FILM_INDEX, RXY, MX, MY, T0, T1, T2 = (BLOCK * k for k in range(18, 27))
-# v and l as seen from v's side; the selected normal before normalisation, its squared length, its cosines with both.
+# v and l as seen from v's side; the selected normal before normalisation, its squared length, its cosines
+# with both.
 SIDE, EX, EY, EZ, GX, GY, GZ, HX, HY, HZ, HH, VH, LH = (BLOCK * k for k in range(27, 40))
 # D; cosines with the mesosurface, stretched sines, projected areas; G2 / (cos v cos l).
 D, CV, CL, SINE_V, SINE_L, AREA_V, AREA_L, VISIBLE = (BLOCK * k for k in range(40, 48))

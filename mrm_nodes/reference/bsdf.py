@@ -1,8 +1,7 @@
 """The lobes: conductor, dielectric and generalised Schlick, forward and retroreflective.
 
-A lobe is a small value class: what it is made of, already checked, and four questions (`eval`, `pdf`, `sample`,
-`albedo`). The work is done by the compiled passes of `kernels`.
-"""
+A lobe is a small value class: what it is made of, already checked, and four questions (`eval`, `pdf`,
+`sample`, `albedo`). The work is done by the compiled passes of `kernels`."""
 
 import functools
 from collections.abc import Sequence
@@ -38,10 +37,9 @@ from .quadrature import quadrature_nodes
 class BsdfSample(NamedTuple):
     """What `sample` drew.
 
-    l : (..., 3) unit directions. weight : (..., 3), f |l.n| / pdf. pdf : (...) per steradian; for a delta, the
-    probability with which it was chosen. delta : (...) whether l is the only direction that it could have been.
-    A rejected sample has weight 0 and pdf 0.
-    """
+    l : (..., 3) unit directions. weight : (..., 3), f |l.n| / pdf. pdf : (...) per steradian; for a delta,
+    the probability with which it was chosen. delta : (...) whether l is the only direction that it could
+    have been. A rejected sample has weight 0 and pdf 0."""
 
     l: Array  # noqa: E741
     weight: Array
@@ -52,10 +50,10 @@ class BsdfSample(NamedTuple):
 class Lobe:
     """What the three lobes share: one reflection lobe, one transmission lobe, each forward, retro or a blend.
 
-    Every parameter is a number or an array: scalars `(...)`, colours `(..., 3)`, `alpha` a number, a pair or `(..., 2)`;
-    all broadcast with the directions. Directions are unit vectors away from the surface, in a frame whose normal is +z
-    and whose tangent is +x. Sources: "The Minimal Retroreflective Microfacet Model" (001) and Heitz 2014.
-    """
+    Every parameter is a number or an array: scalars `(...)`, colours `(..., 3)`, `alpha` a number, a pair
+    or `(..., 2)`; all broadcast with the directions. Directions are unit vectors away from the surface, in
+    a frame whose normal is +z and whose tangent is +x. Sources: "The Minimal Retroreflective Microfacet
+    Model" (001) and Heitz 2014."""
 
     def __init__(
         self,
@@ -160,11 +158,11 @@ class Lobe:
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         """The scattering function f(v, l) in 1/sr, without the cosine: shape (..., 3).
 
-        Eq. 1 and 2 of 001, with v' for v in the retro share (eq. 10). v.z > 0 is seen from outside (index 1), v.z < 0
-        from inside (index `ior`); l on the other side than v gives the transmitted radiance's function, which is zero
-        where `scatter_mode` has none and where the index is 1 (a delta, which `sample` and `albedo` know).
-        `ValueError` for directions whose length is not 1 to 1e-6, and for shapes that do not broadcast.
-        """
+        Eq. 1 and 2 of 001, with v' for v in the retro share (eq. 10). v.z > 0 is seen from outside (index
+        1), v.z < 0 from inside (index `ior`); l on the other side than v gives the transmitted radiance's
+        function, which is zero where `scatter_mode` has none and where the index is 1 (a delta, which
+        `sample` and `albedo` know). `ValueError` for directions whose length is not 1 to 1e-6, and for
+        shapes that do not broadcast."""
         view, light = directions("v", v), directions("l", l)
         (result,), rejected = self._run(kernels.EVALUATE, view, light, [3])
         if rejected:
@@ -187,9 +185,9 @@ class Lobe:
     def sample(self, v: ArrayLike, u: ArrayLike) -> BsdfSample:
         """Draw a direction l for each v from uniforms u in [0, 1), shape (..., 3).
 
-        Visible normals (Heitz and d'Eon 2014) are reflected or refracted by Fresnel's law; a blend turns the result
-        about the normal with probability `retroreflectivity`, and `pdf` is the mixture's (001 Section 4).
-        """
+        Visible normals (Heitz and d'Eon 2014) are reflected or refracted by Fresnel's law; a blend turns
+        the result about the normal with probability `retroreflectivity`, and `pdf` is the mixture's (001
+        Section 4)."""
         view = directions("v", v)
         uniforms = directions("u", u)
         if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
@@ -210,9 +208,8 @@ class Lobe:
     def albedo(self, v: ArrayLike) -> Array:
         """Directional albedo as energy, reflected and transmitted together: shape (..., 3).
 
-        The average of F G2 / G1 over visible normals by quadrature. Forward and retro lobes have the same (001 eq. 18).
-        A delta (index 1) is counted. `ValueError` as in `eval`.
-        """
+        The average of F G2 / G1 over visible normals by quadrature. Forward and retro lobes have the same
+        (001 eq. 18). A delta (index 1) is counted. `ValueError` as in `eval`."""
         view = directions("v", v)
         nodes = quadrature_nodes()
         modes = list(self._modes)
@@ -234,11 +231,11 @@ class Lobe:
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
         """What MaterialX's `layer` multiplies the base with when this lobe lies on top: shape (..., 3).
 
-        1 - weight * directional albedo, the albedo being MaterialX's split-sum fit F0 A + F90 B times the factor of its
-        energy compensation. That factor takes F at v.h of each lobe for a light l, and at v.n without one (environments)
-        up to 1.39.5; the lobes of a blend are mixed linearly. A conductor lets nothing through, a lobe without
-        reflection everything. `ValueError` for the compensations that MaterialX does not have.
-        """
+        1 - weight * directional albedo, the albedo being MaterialX's split-sum fit F0 A + F90 B times the
+        factor of its energy compensation. That factor takes F at v.h of each lobe for a light l, and at v.n
+        without one (environments) up to 1.39.5; the lobes of a blend are mixed linearly. A conductor lets
+        nothing through, a lobe without reflection everything. `ValueError` for the compensations that
+        MaterialX does not have."""
         view = directions("v", v)
         shape = np.broadcast_shapes(view.shape[:-1], self._shape)
         amount = scalar("weight", weight, 0.0)
@@ -284,9 +281,8 @@ class Lobe:
 class Conductor(Lobe):
     """A conductor: reflection only, opaque from inside.
 
-    `ior` > 0 and `extinction` >= 0 are the complex index relative to the outside, a number or (..., 3). `ValueError`
-    names the argument that makes no sense.
-    """
+    `ior` > 0 and `extinction` >= 0 are the complex index relative to the outside, a number or (..., 3).
+    `ValueError` names the argument that makes no sense."""
 
     def __init__(
         self,
@@ -311,7 +307,8 @@ class Conductor(Lobe):
 
 
 class Dielectric(Lobe):
-    """A dielectric interface of index `ior` > 0 inside, 1 outside: reflection ("R"), transmission ("T") or both ("RT").
+    """A dielectric interface of index `ior` > 0 inside, 1 outside: reflection ("R"), transmission ("T") or
+    both ("RT").
 
     `tint` (>= 0, a number or (..., 3)) multiplies both lobes, as in MaterialX. `retro_transmission` turns the
     transmission lobe as well; off is the advice of 001, Section 5.
@@ -346,9 +343,8 @@ class Dielectric(Lobe):
 class GeneralizedSchlick(Lobe):
     """A lobe with Schlick's reflectance from `color0` to `color90`, tinted by `color82` at 82 degrees.
 
-    Colours are >= 0, numbers or (..., 3); `exponent` >= 0. Transmission refracts with the index that MaterialX derives
-    from the mean of `color0`.
-    """
+    Colours are >= 0, numbers or (..., 3); `exponent` >= 0. Transmission refracts with the index that
+    MaterialX derives from the mean of `color0`."""
 
     def __init__(
         self,

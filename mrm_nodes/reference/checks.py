@@ -77,7 +77,9 @@ def colour(name: str, value: ArrayLike, low: float, high: float = np.inf, open_l
 
 
 def pair(name: str, value: ArrayLike, low: float, high: float, open_low: bool = False) -> Array:
-    """A parameter that is a number, a pair or has shape (..., 2), as (..., 2); `ValueError` outside its range."""
+    """A parameter that is a number, a pair or has shape (..., 2), as (..., 2); `ValueError` outside its
+    range.
+    """
     array = _numbers(name, value, low, high, open_low)
     if array.ndim == 0:
         array = array[np.newaxis]

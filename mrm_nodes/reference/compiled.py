@@ -1,9 +1,8 @@
 """How a formula becomes machine code, and how arrays are handed to it.
 
-Three things live here: `formula`, the decorator of every scalar equation; `Kernel`, a loop over arrays that is
-compiled on its first call and kept in numba's cache; and `run`, which flattens broadcast arrays without copying
-them, cuts the work into ranges and spreads the ranges over threads.
-"""
+Three things live here: `formula`, the decorator of every scalar equation; `Kernel`, a loop over arrays that
+is compiled on its first call and kept in numba's cache; and `run`, which flattens broadcast arrays without
+copying them, cuts the work into ranges and spreads the ranges over threads."""
 
 import hashlib
 import math
@@ -12,16 +11,19 @@ import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
-from numba import types
+from numba import config, types
 from numba.core.caching import FunctionCache
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+_CONFIGURED = int(vars(config)["NUMBA_NUM_THREADS"])
 
 # Division follows IEEE 754: numba's default would put a branch before each one, and no loop would vectorise.
 formula = numba.njit(error_model="numpy")
@@ -48,26 +50,27 @@ def _source_stamp() -> str:
     return digest.hexdigest()
 
 
-class _StampedCache(FunctionCache):  # type: ignore[misc]
+class _StampedCache(FunctionCache):
     def _index_key(self, sig: Any, codegen: Any) -> Any:
-        return (*super()._index_key(sig, codegen), _source_stamp())
+        return (*super()._index_key(sig, codegen), _source_stamp())  # type: ignore[no-untyped-call]
 
 
 class Kernel:
-    """A function of (start, stop, inputs, modes, outputs) that is compiled for one signature, on its first call.
+    """A function of (start, stop, inputs, modes, outputs) that is compiled for one signature, on its first
+    call.
 
-    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because inputs
-    are typed as arrays of any stride.
-    """
+    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because
+    inputs are typed as arrays of any stride."""
 
     def __init__(self, function: Callable[..., int], inputs: int, outputs: int) -> None:
+        tuple_of: Any = types.UniTuple
         self._function = function
         self._signature = types.int64(
             types.int64,
             types.int64,
-            types.UniTuple(INPUT, inputs),
+            tuple_of(INPUT, inputs),
             MODES,
-            types.UniTuple(OUTPUT, outputs),
+            tuple_of(OUTPUT, outputs),
         )
         self._compiled: Any = None
         self._lock = threading.Lock()
@@ -76,8 +79,9 @@ class Kernel:
         if self._compiled is None:
             with self._lock:
                 if self._compiled is None:
-                    dispatcher = numba.njit(error_model="numpy", nogil=True)(self._function)
-                    dispatcher._cache = _StampedCache(self._function)
+                    dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(self._function)
+                    cache: Any = _StampedCache
+                    dispatcher._cache = cache(self._function)
                     dispatcher.compile(self._signature)
                     dispatcher.disable_compile()
                     self._compiled = dispatcher
@@ -87,15 +91,17 @@ class Kernel:
 @lru_cache(maxsize=1)
 def _pool(process: int) -> ThreadPoolExecutor:
     # The process id is the key: threads do not survive a fork.
-    return ThreadPoolExecutor(max_workers=numba.config.NUMBA_NUM_THREADS, thread_name_prefix="mrm-reference")
+    return ThreadPoolExecutor(max_workers=_CONFIGURED, thread_name_prefix="mrm-reference")
 
 
 _threads: int | None = None
 
 
 def thread_count() -> int:
-    """Threads that a call may use: `NUMBA_NUM_THREADS` or the cores of the machine, unless `set_thread_count` says less."""
-    return int(numba.config.NUMBA_NUM_THREADS) if _threads is None else _threads
+    """Threads that a call may use: `NUMBA_NUM_THREADS` or the cores of the machine, unless
+    `set_thread_count` says less.
+    """
+    return _CONFIGURED if _threads is None else _threads
 
 
 def set_thread_count(count: int | None) -> None:
@@ -124,14 +130,13 @@ def _collapsible(array: Array) -> bool:
     axes = [
         (size, stride) for size, stride in zip(array.shape[:-1], array.strides[:-1], strict=True) if size > 1
     ]
-    return all(a[1] == b[0] * b[1] for a, b in zip(axes, axes[1:], strict=False))
+    return all(a[1] == b[0] * b[1] for a, b in pairwise(axes))
 
 
 def _flatten(array: Array) -> Array:
     if array.ndim == 2:
         return array
-    flat = array.reshape(-1, array.shape[-1])
-    return flat
+    return array.reshape(-1, array.shape[-1])
 
 
 def run(
@@ -143,10 +148,10 @@ def run(
 ) -> tuple[list[Array], int]:
     """Run a kernel over arrays whose leading axes broadcast together.
 
-    Every input has shape `(..., c)`, c its own number of components; the outputs have the broadcast leading shape
-    and the given numbers of components. Inputs are not copied unless broadcasting makes a view impossible, and then
-    a chunk at a time. `tables` follow the inputs as they are. The second result is the sum of what the kernel returned.
-    """
+    Every input has shape `(..., c)`, c its own number of components; the outputs have the broadcast leading
+    shape and the given numbers of components. Inputs are not copied unless broadcasting makes a view
+    impossible, and then a chunk at a time. `tables` follow the inputs as they are. The second result is the
+    sum of what the kernel returned."""
     shape = np.broadcast_shapes(*(array.shape[:-1] for array in inputs))
     outputs = [np.empty((*shape, c)) for c in components]
     flags = np.asarray(modes, dtype=np.int64)

@@ -1,4 +1,4 @@
-"""Diffuse reflection: Lambert and EON."""
+"""Diffuse reflection: Lambert, EON, and MaterialX's Oren-Nayar."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,19 +36,22 @@ def fujii_albedo(cosine: ArrayLike, roughness: ArrayLike) -> Array:
 def eon(albedo: ArrayLike, roughness: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
     """The energy-preserving Oren-Nayar BRDF in 1/sr, without the cosine: shape (..., 3).
 
-    `albedo` in [0, 1], a number or (..., 3), is that of a facet; `roughness` in [0, 1]. Directions are unit vectors in a
-    frame whose normal is +z; zero unless both are above it. `ValueError` outside these ranges.
-    Source: Portsmouth, Kutz and Hill 2025, "EON: a practical energy-preserving rough diffuse BRDF", with its exact albedo.
-    """
+    `albedo` in [0, 1], a number or (..., 3), is that of a facet; `roughness` in [0, 1]. Directions are unit
+    vectors in a frame whose normal is +z; zero unless both are above it. `ValueError` outside these ranges.
+    Source: Portsmouth, Kutz and Hill 2025, "EON: a practical energy-preserving rough diffuse BRDF", with
+    its exact albedo."""
     rho = colour("albedo", albedo, 0.0, 1.0)
     r = scalar("roughness", roughness, 0.0, 1.0)
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)
     check_unit("l", light)
-    mu_v, mu_l = view[..., 2:], light[..., 2:]
-    lit = (mu_v > 0.0) & (mu_l > 0.0)
-    mu_v, mu_l = np.maximum(mu_v, 1e-300), np.maximum(mu_l, 1e-300)
     s = (view[..., :2] * light[..., :2]).sum(axis=-1, keepdims=True)
+    return _eon(rho, r, view[..., 2:], light[..., 2:], s)
+
+
+def _eon(rho: Array, r: Array, cos_v: Array, cos_l: Array, s: Array) -> Array:
+    lit = (cos_v > 0.0) & (cos_l > 0.0)
+    mu_v, mu_l = np.maximum(cos_v, 1e-300), np.maximum(cos_l, 1e-300)
     ratio = np.where(s > 0.0, s / np.maximum(mu_v, mu_l), s)
     scale = 1.0 / (1.0 + C1 * r)
     single = rho / np.pi * scale * (1.0 + r * ratio)
@@ -60,3 +63,31 @@ def eon(albedo: ArrayLike, roughness: ArrayLike, v: ArrayLike, l: ArrayLike) -> 
     lost_l = np.maximum(1.0 - fujii_albedo(mu_l, r), 0.0)
     multiple = np.where(r > 0.0, multiple_rho / np.pi * lost_v * lost_l / lost, 0.0)
     return np.where(lit, single + multiple, 0.0)
+
+
+def oren_nayar(
+    albedo: ArrayLike,
+    roughness: ArrayLike,
+    v: ArrayLike,
+    l: ArrayLike,  # noqa: E741
+    energy_compensation: bool = False,
+) -> Array:
+    """MaterialX's `oren_nayar_diffuse_bsdf` in 1/sr, without the cosine: shape (..., 3). Arguments as for
+    `eon`.
+
+    Without `energy_compensation` the qualitative model of Oren and Nayar 1994, otherwise EON; in both,
+    MaterialX keeps v.l from being negative."""
+    rho = colour("albedo", albedo, 0.0, 1.0)
+    r = scalar("roughness", roughness, 0.0, 1.0)
+    view, light = directions("v", v), directions("l", l)
+    check_unit("v", view)
+    check_unit("l", light)
+    mu_v, mu_l = view[..., 2:], light[..., 2:]
+    s = np.maximum((view * light).sum(axis=-1, keepdims=True), 1e-8) - mu_v * mu_l
+    if energy_compensation:
+        return _eon(rho, r, mu_v, mu_l, s)
+    lit = (mu_v > 0.0) & (mu_l > 0.0)
+    ratio = np.where(s > 0.0, s / np.maximum(np.maximum(mu_v, mu_l), 1e-300), 0.0)
+    constant = 1.0 - 0.5 * r * r / (r * r + 0.33)
+    slope = 0.45 * r * r / (r * r + 0.09)
+    return np.where(lit, rho / np.pi * (constant + slope * ratio), 0.0)

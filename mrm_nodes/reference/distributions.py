@@ -1,7 +1,7 @@
 """Microfacet distributions as value classes whose methods are the symbols of Heitz 2014.
 
-Directions and normals are unit vectors of shape (..., 3) in a frame whose normal is +z; everything broadcasts.
-"""
+Directions and normals are unit vectors of shape (..., 3) in a frame whose normal is +z; everything
+broadcasts."""
 
 import math
 from typing import Any
@@ -149,9 +149,9 @@ _ANSWER = Kernel(_answer, 6, 1)
 class Distribution:
     """A distribution of normals with roughness `ax` along the tangent and `ay` across, both > 0.
 
-    `slope_correlation` in (-1, 1) stretches along other axes (Heitz 88), `mean_slope` (..., 2) is the slope of the
-    mesosurface (94). Parameters are numbers or arrays and broadcast with directions. `ValueError` outside their range.
-    """
+    `slope_correlation` in (-1, 1) stretches along other axes (Heitz 88), `mean_slope` (..., 2) is the slope
+    of the mesosurface (94). Parameters are numbers or arrays and broadcast with directions. `ValueError`
+    outside their range."""
 
     _code = surface.GGX
 
@@ -210,9 +210,9 @@ class Distribution:
     def G1(self, w: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
         """Share of facets with normal m that are seen from w. Shape (...).
 
-        "smith" (eq. 43) and "vcavity" (49) are physics. "implicit" (56), "schlick-smith" and "kelemen" (59) belong to
-        no microsurface and fail the white furnace test: they are here to reproduce Heitz's Table 3.
-        """
+        "smith" (eq. 43) and "vcavity" (49) are physics. "implicit" (56), "schlick-smith" and "kelemen" (59)
+        belong to no microsurface and fail the white furnace test: they are here to reproduce Heitz's Table
+        3."""
         return self._ask(_G1, v=w, m=m, masking=masking)
 
     def G2(
@@ -225,14 +225,16 @@ class Distribution:
     ) -> Array:
         """Share of facets with normal m that are seen from both v and l. Shape (...).
 
-        Smith's `correlation` is "height" (eq. 99), "separable" (98), "direction" (100) or "height_direction" (101); with
-        l on the other side than v, height correlation is the Beta function of Λ and direction correlation has no meaning.
-        V-cavities ignore it: min(G1, G1), which is Cook and Torrance's min(1, M, S), and max(0, G1 + G1 - 1) across.
-        """
+        Smith's `correlation` is "height" (eq. 99), "separable" (98), "direction" (100) or
+        "height_direction" (101); with l on the other side than v, height correlation is the Beta function
+        of Λ and direction correlation has no meaning. V-cavities ignore it: min(G1, G1), which is Cook and
+        Torrance's min(1, M, S), and max(0, G1 + G1 - 1) across."""
         return self._ask(_G2, v=v, l=l, m=m, masking=masking, correlation=correlation)
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
-        """Normals drawn from those visible from v, for uniforms u (..., 2), or (..., 3) for V-cavities. Shape (..., 3)."""
+        """Normals drawn from those visible from v, for uniforms u (..., 2), or (..., 3) for V-cavities.
+        Shape (..., 3).
+        """
         uniforms = np.asarray(u, dtype=np.float64)
         needed = 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2
         if uniforms.ndim == 0 or uniforms.shape[-1] not in (needed, 3):

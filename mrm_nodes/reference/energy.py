@@ -1,4 +1,6 @@
-"""Tables of directional albedo, which forward and retro lobes share (001 eq. 18), and what is built on them."""
+"""Tables of directional albedo, which forward and retro lobes share (001 eq. 18), and what is built on
+them.
+"""
 
 from functools import lru_cache
 
@@ -23,10 +25,11 @@ TABLE_ERROR = 6e-3
 
 @lru_cache(maxsize=32)
 def white_albedo_table(distribution: int, masking: int, correlation: int) -> Array:
-    """E on a grid even in sqrt(n.v) (rows) and sqrt(alpha) (columns), over [0, 1]; the last row is the average.
+    """E on a grid even in sqrt(n.v) (rows) and sqrt(alpha) (columns), over [0, 1]; the last row is the
+    average.
 
-    The average is that of the interpolated table, so that Kulla and Conty's term gives back just what it says is lost.
-    """
+    The average is that of the interpolated table, so that Kulla and Conty's term gives back just what it
+    says is lost."""
     # At the very ends E is a limit: 1 for a mirror, and what grazing directions tend to.
     cosine = np.maximum(np.linspace(0.0, 1.0, ROWS) ** 2, 1e-6)
     alpha = np.maximum(np.linspace(0.0, 1.0, COLUMNS) ** 2, 1e-6)
@@ -65,7 +68,7 @@ def _look_up(
     table = white_albedo_table(code, mask, choice("correlation", correlation, CORRELATIONS))
     width = scalar("alpha", alpha, 0.0, open_low=True)[..., 0]
     if cosine is None:
-        return np.interp(np.sqrt(width), np.linspace(0.0, 1.0, COLUMNS), table[-1])
+        return np.asarray(np.interp(np.sqrt(width), np.linspace(0.0, 1.0, COLUMNS), table[-1]))
     x, y = np.broadcast_arrays(scalar("cos_theta", cosine, 0.0, 1.0)[..., 0], width)
     x, y = np.sqrt(x) * (ROWS - 1), np.minimum(np.sqrt(y), 1.0) * (COLUMNS - 1)
     i, j = np.minimum(x.astype(int), ROWS - 2), np.minimum(y.astype(int), COLUMNS - 2)
@@ -82,7 +85,8 @@ def white_albedo(
     masking: str = "smith",
     correlation: str = "height",
 ) -> Array:
-    """Directional albedo of an isotropic lobe with F = 1, from a table: within `TABLE_ERROR`. Arguments broadcast.
+    """Directional albedo of an isotropic lobe with F = 1, from a table: within `TABLE_ERROR`. Arguments
+    broadcast.
 
     The same for the forward and the retro lobe. Alpha above 1 is taken as 1. `ValueError` outside the ranges.
     """

@@ -15,10 +15,11 @@ KULLA_CONTY = 4
 
 @formula
 def rational_albedo(cosine: float, alpha: float, terms: Array) -> tuple[float, float]:
-    """The split-sum terms (A, B) at (n.v, alpha): albedo = F0 A + F90 B, each a ratio of biquadratics in [0, 1].
+    """The split-sum terms (A, B) at (n.v, alpha): albedo = F0 A + F90 B, each a ratio of biquadratics in
+    [0, 1].
 
-    `terms` is (9, 4): for 1, x, y, xy, x², y², x²y, xy², x²y² the numerators of A and B and their denominators.
-    """
+    `terms` is (9, 4): for 1, x, y, xy, x², y², x²y, xy², x²y² the numerators of A and B and their
+    denominators."""
     x, y = cosine, alpha
     x2, y2 = x * x, y * y
     a = terms[0, 0] + terms[1, 0] * x + terms[2, 0] * y + terms[3, 0] * x * y
@@ -64,7 +65,8 @@ def table_lookup(cosine: float, alpha: float, table: Array) -> float:
     y -= j
     low = table[i, j] + (table[i, j + 1] - table[i, j]) * y
     high = table[i + 1, j] + (table[i + 1, j + 1] - table[i + 1, j]) * y
-    return low + (high - low) * x
+    value: float = low + (high - low) * x
+    return value
 
 
 @formula
@@ -73,12 +75,14 @@ def average_lookup(alpha: float, table: Array) -> float:
     rows, columns = table.shape[0] - 1, table.shape[1]
     y = math.sqrt(min(max(alpha, 0.0), 1.0)) * (columns - 1)
     j = min(int(y), columns - 2)
-    return table[rows, j] + (table[rows, j + 1] - table[rows, j]) * (y - j)
+    average: float = table[rows, j] + (table[rows, j + 1] - table[rows, j]) * (y - j)
+    return average
 
 
 @formula
 def multiple_scattering(fresnel: float, average: float) -> float:
-    """F² E / (1 - F (1 - E)), then over 1 - E: the size of Kulla and Conty's term for mean reflectance F and albedo E.
+    """F² E / (1 - F (1 - E)), then over 1 - E: the size of Kulla and Conty's term for mean reflectance F
+    and albedo E.
 
     Source: Kulla and Conty 2017, "Revisiting Physically Based Shading at Imageworks".
     """

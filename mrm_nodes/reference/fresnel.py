@@ -19,8 +19,8 @@ SCHLICK = 2
 def dielectric_reflectance(cosine: float, eta: float) -> float:
     """Unpolarised reflectance of a dielectric, `eta` = far / near (article 003, "Fresnel's Law").
 
-    Snell gives the refracted cosine times eta: g = sqrt(eta² - 1 + cosine²); no real g is total internal reflection.
-    """
+    Snell gives the refracted cosine times eta: g = sqrt(eta² - 1 + cosine²); no real g is total internal
+    reflection."""
     g_squared = eta * eta - 1.0 + cosine * cosine
     g = math.sqrt(max(g_squared, 0.0))
     perpendicular = (cosine - g) / (cosine + g)
@@ -45,9 +45,8 @@ def dielectric_transmittance(near: float, near_index: float, far: float, far_ind
 def conductor_reflectance(cosine: float, n: float, k: float) -> float:
     """Unpolarised reflectance of a conductor with index n + ik relative to the near medium.
 
-    With a + ib = sqrt((n + ik)² - sin²), Rs = |c - (a+ib)|² / |c + (a+ib)|² and Rp = Rs · |a+ib - s²/c|² / |a+ib + s²/c|²
-    (Born and Wolf, Principles of Optics, section 14.2).
-    """
+    With a + ib = sqrt((n + ik)² - sin²), Rs = |c - (a+ib)|² / |c + (a+ib)|² and Rp = Rs · |a+ib - s²/c|² /
+    |a+ib + s²/c|² (Born and Wolf, Principles of Optics, section 14.2)."""
     c2 = cosine * cosine
     s2 = 1.0 - c2
     t0 = n * n - k * k - s2
@@ -69,13 +68,16 @@ TINT_SCALE = 1.0 / (COS_82 * (1.0 - COS_82) ** 6)
 
 @formula
 def schlick_curve(cosine: float, f0: float, f82: float, f90: float, exponent: float) -> float:
-    """Generalised Schlick with the 82-degree tint (Hoffman 2023, "Generalization of Adobe's Fresnel Model")."""
+    """Generalised Schlick with the 82-degree tint (Hoffman 2023, "Generalization of Adobe's Fresnel
+    Model").
+    """
     away = 1.0 - min(max(cosine, 0.0), 1.0)
     base = f0 + (f90 - f0) * away**exponent
     at_82 = f0 + (f90 - f0) * (1.0 - COS_82) ** exponent
     tint = at_82 * (1.0 - f82) * TINT_SCALE
     squared = away * away
-    return base - tint * (1.0 - away) * squared * squared * squared
+    value: float = base - tint * (1.0 - away) * squared * squared * squared
+    return value
 
 
 @formula
@@ -98,7 +100,9 @@ def schlick_reflectance_5(cosine: float, f0: float, f82: float, f90: float) -> f
 
 @formula
 def index_from_f0(f0: float) -> float:
-    """The index of refraction that a Schlick lobe refracts with, as MaterialX derives it: f0 kept to [0.01, 0.99]."""
+    """The index of refraction that a Schlick lobe refracts with, as MaterialX derives it: f0 kept to [0.01,
+    0.99].
+    """
     root = math.sqrt(min(max(f0, 0.01), 0.99))
     return (1.0 + root) / (1.0 - root)
 
@@ -165,9 +169,8 @@ def fresnel_schlick(
 ) -> Array:
     """Generalised Schlick reflectance with the 82-degree tint, clamped to [0, 1].
 
-    All arguments broadcast. `f82` is a tint: the reflectance at cos = 1/7 is `f82` times what it would be without it.
-    Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model".
-    """
+    All arguments broadcast. `f82` is a tint: the reflectance at cos = 1/7 is `f82` times what it would be
+    without it. Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model"."""
     away = 1.0 - _cosine(cos_theta)
     low, tint, high, power = (np.asarray(x, dtype=np.float64) for x in (f0, f82, f90, exponent))
     base = low + (high - low) * away**power

@@ -167,9 +167,12 @@ def _refract(s: Array, modes: Any, retro: bool) -> None:
 
 @formula
 def _refracts(s: Array, i: int) -> bool:
-    """Whether l is across, both directions face the normal, and the index is not 1, where refraction is a delta."""
-    facing = s[VH + i] > 0.0 and s[LH + i] > 0.0 and s[HZ + i] > 0.0
-    return s[EZ + i] > 0.0 and s[GZ + i] < 0.0 and facing and s[INDEX + i] != 1.0
+    """Whether l is across, both directions face the normal, and the index is not 1, where refraction is a
+    delta.
+    """
+    facing: bool = s[VH + i] > 0.0 and s[LH + i] > 0.0 and s[HZ + i] > 0.0
+    across: bool = s[EZ + i] > 0.0 and s[GZ + i] < 0.0 and s[INDEX + i] != 1.0
+    return facing and across
 
 
 @formula
@@ -339,7 +342,8 @@ def _integrate_one(
     if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
         boost = (1.0 - s[ALBEDO + i]) / s[ALBEDO + i]
     vcavity = modes[MASKING] == surface.VCAVITY
-    # Beckmann's visible normals need an equation solved for each; its slopes fall off fast enough to do without.
+    # Beckmann's visible normals need an equation solved for each; its slopes fall off fast enough to do
+    # without.
     by_normals = vcavity or modes[DISTRIBUTION] != surface.GGX
     total = 0.0
     # The nodes' azimuth starts at v's, in the stretched configuration.
@@ -354,7 +358,8 @@ def _integrate_one(
             mx, my, mz = mx / length, my / length, mz / length
             cosine = max(ex * mx + ey * my + ez * mz, 0.0)
             if vcavity:
-                # The nodes hold both facets of each cavity, so each stands for itself by how much of it is seen.
+                # The nodes hold both facets of each cavity, so each stands for itself by how much of it is
+                # seen.
                 other = max(-ex * mx - ey * my + ez * mz, 0.0)
                 weight *= cosine / (cosine + other) if cosine > 0.0 else 0.0
             else:
@@ -386,7 +391,9 @@ def _integrate_one(
 
 
 def integrate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
-    """The share of energy that is reflected and transmitted, before the tint; `inputs[IN_NODES]` is the quadrature."""
+    """The share of energy that is reflected and transmitted, before the tint; `inputs[IN_NODES]` is the
+    quadrature.
+    """
     s = np.empty(SIZE)
     out = outputs[0]
     rejected = 0
@@ -425,7 +432,9 @@ INTEGRATE = Kernel(integrate, INPUTS + 1, 1)
 
 
 def reflectance(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
-    """RGB reflectance from outside at the cosines in `inputs[IN_L]`; the average that 1.39.6 uses for its mode."""
+    """RGB reflectance from outside at the cosines in `inputs[IN_L]`; the average that 1.39.6 uses for its
+    mode.
+    """
     s = np.empty(SIZE)
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)

@@ -1,13 +1,13 @@
-"""The scalar formulas of a microsurface: slopes, normal distributions, projected areas, masking and shadowing.
+"""The scalar formulas of a microsurface: slopes, normal distributions, projected areas, masking and
+shadowing.
 
-Equation numbers are those of Heitz 2014, "Understanding the Masking-Shadowing Function in Microfacet-Based BRDFs",
-unless another source is named. Directions point away from the surface; the normal is +z.
+Equation numbers are those of Heitz 2014, "Understanding the Masking-Shadowing Function in Microfacet-Based
+BRDFs", unless another source is named. Directions point away from the surface; the normal is +z.
 
 A slope distribution here is always a standard one (alpha = 1, isotropic, centred) after the linear map
-slope = mean + L s, with L the lower triangle of the stretching matrix of eq. 88. Masking does not change under such
-a map when directions are carried along (Section 5), so each Λ and each visible-normal sampler is written once, for
-the standard configuration.
-"""
+slope = mean + L s, with L the lower triangle of the stretching matrix of eq. 88. Masking does not change
+under such a map when directions are carried along (Section 5), so each Λ and each visible-normal sampler is
+written once, for the standard configuration."""
 
 import math
 
@@ -44,7 +44,9 @@ def slope_norm_squared(
 
 @formula
 def stretched_sine_squared(x: float, y: float, ax: float, ay: float, correlation: float) -> float:
-    """alpha_o² sin² θ: the roughness projected on a direction, times its sine, squared (eqs. 80, 93 and 97)."""
+    """alpha_o² sin² θ: the roughness projected on a direction, times its sine, squared (eqs. 80, 93 and
+    97).
+    """
     u = ax * x
     v = ay * y
     return max(u * u + v * v + 2.0 * correlation * u * v, 0.0)
@@ -113,7 +115,9 @@ def phong_normals(x: float, y: float, z: float, squared_length: float, ax: float
 
 @formula
 def ggx_projected_area(cosine: float, sine_squared: float) -> float:
-    """cos θ (1 + Λ), the area of all facets projected on a direction (eqs. 41, 86), from its stretched sine²."""
+    """cos θ (1 + Λ), the area of all facets projected on a direction (eqs. 41, 86), from its stretched
+    sine².
+    """
     return 0.5 * (cosine + math.sqrt(cosine * cosine + sine_squared))
 
 
@@ -145,8 +149,9 @@ def vcavity_masking(normal: float, cosine: float, across: float) -> float:
     return min(1.0, 2.0 * normal * cosine / across)
 
 
-# What follows is G2 / (cos v cos l), the form in which nothing divides by a vanishing cosine. For Smith it is written
-# with the projected areas cos θ (1 + Λ); for slopes off the normal the cosines are those with the mesosurface.
+# What follows is G2 / (cos v cos l), the form in which nothing divides by a vanishing cosine. For Smith it is
+# written with the projected areas cos θ (1 + Λ); for slopes off the normal the cosines are those with the
+# mesosurface.
 
 
 @formula
@@ -188,9 +193,8 @@ def height_direction_visibility(
 def beta_visibility(cv: float, cl: float, area_v: float, area_l: float) -> float:
     """B(1 + Λv, 1 + Λl): height correlation where the two directions are on opposite sides.
 
-    Below the surface a point at height h is unmasked with probability (1 - C)^Λ instead of C^Λ (eq. 128), and the
-    average over C of the product is the Beta function.
-    """
+    Below the surface a point at height h is unmasked with probability (1 - C)^Λ instead of C^Λ (eq. 128),
+    and the average over C of the product is the Beta function."""
     a = area_v / cv
     b = area_l / cl
     return math.exp(math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)) / (cv * cl)

@@ -1,7 +1,7 @@
 """The passes: each equation of the model over a block.
 
-Equation numbers without a paper are those of Heitz 2014; 001 is "The Minimal Retroreflective Microfacet Model".
-"""
+Equation numbers without a paper are those of Heitz 2014; 001 is "The Minimal Retroreflective Microfacet
+Model"."""
 
 import math
 from typing import Any
@@ -92,8 +92,8 @@ from .thinfilm import film_reflectance
 def place(s: Array) -> None:
     """Both directions as seen from v's side.
 
-    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their distribution.
-    """
+    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their
+    distribution."""
     for i in range(BLOCK):
         side = 1.0 if s[VZ + i] >= 0.0 else -1.0
         s[SIDE + i] = side
@@ -131,7 +131,9 @@ def reflecting_normal(s: Array) -> None:
 
 @formula
 def refracting_normal(s: Array) -> None:
-    """h_t = -(ηv v + ηl l), turned to the near side (001, above eq. 2), and its cosines with both directions."""
+    """h_t = -(ηv v + ηl l), turned to the near side (001, above eq. 2), and its cosines with both
+    directions.
+    """
     for i in range(BLOCK):
         near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
         far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
@@ -178,10 +180,11 @@ def normals(s: Array, modes: Any) -> None:
 
 @formula
 def areas(s: Array, modes: Any) -> None:
-    """Cosines with the mesosurface (Section 5.5) and projected areas (eq. 41), of v and of l or, below, of -l.
+    """Cosines with the mesosurface (Section 5.5) and projected areas (eq. 41), of v and of l or, below, of
+    -l.
 
-    Turning v about the normal changes none of them unless slopes are shifted, and then there is no retro lobe.
-    """
+    Turning v about the normal changes none of them unless slopes are shifted, and then there is no retro
+    lobe."""
     for i in range(BLOCK):
         up = 1.0 if s[GZ + i] >= 0.0 else -1.0
         s[CV + i] = s[EZ + i] - s[MX + i] * s[EX + i] - s[MY + i] * s[EY + i]
@@ -406,7 +409,9 @@ def white_albedo(s: Array, modes: Any, table: Array) -> None:
 
 @formula
 def typical_reflectance(s: Array, modes: Any) -> None:
-    """The reflectance of the schemes that take one for all directions: at the normal, or F0 + (F90 - F0) / 21."""
+    """The reflectance of the schemes that take one for all directions: at the normal, or F0 + (F90 - F0) /
+    21.
+    """
     for i in range(BLOCK):
         s[OUTER + i] = 1.0
     fresnel(s, modes)

@@ -13,9 +13,8 @@ RESOLUTION = 128
 def quadrature_nodes(resolution: int = RESOLUTION) -> Array:
     """Rows (azimuth from v, radius, weight), about `resolution`² of them; the weights sum to 1.
 
-    Gauss-Legendre with the cubic 3t² - 2t³ put in for t, which softens the ends of an interval, where a sampler's map is
-    singular or, between quarters of the azimuth, a grazing v stops seeing facets.
-    """
+    Gauss-Legendre with the cubic 3t² - 2t³ put in for t, which softens the ends of an interval, where a
+    sampler's map is singular or, between quarters of the azimuth, a grazing v stops seeing facets."""
     quarter, quarter_weight = _softened(max(resolution // 4, 2))
     azimuth = np.concatenate([(k + quarter) / 4.0 for k in range(4)])
     radius, radius_weight = _softened(resolution)

@@ -54,9 +54,8 @@ def sample_visible_ggx(x: float, y: float, z: float, u0: float, u1: float) -> tu
 def sample_visible_beckmann(x: float, y: float, z: float, u0: float, u1: float) -> tuple[float, float, float]:
     """A visible normal of the standard Beckmann, unnormalised (Heitz and d'Eon 2014).
 
-    The slope along the direction is found by inverting its distribution, (z erfc(-s) + sine e^(-s²)/sqrt π) / 2 up to
-    normalisation, with Newton's method kept inside a bracket; the slope across is Gaussian.
-    """
+    The slope along the direction is found by inverting its distribution, (z erfc(-s) + sine e^(-s²)/sqrt π)
+    / 2 up to normalisation, with Newton's method kept inside a bracket; the slope across is Gaussian."""
     sine = math.sqrt(x * x + y * y)
     across = inverse_error_function(2.0 * u1 - 1.0)
     if sine <= 1e-12 * z:
@@ -157,9 +156,8 @@ def sample_visible_vcavity(
 ) -> tuple[float, float, float, float]:
     """A normal visible from v in V-cavities (eq. 50), of unit length, and what is left of u2.
 
-    A cavity is drawn by the area of the geometric surface that it covers, then one of its two facets by how much of
-    each is seen (Heitz and d'Eon 2014).
-    """
+    A cavity is drawn by the area of the geometric surface that it covers, then one of its two facets by how
+    much of each is seen (Heitz and d'Eon 2014)."""
     mx, my, mz = sample_normal(distribution, ax, ay, correlation, u0, u1)
     length = math.sqrt(mx * mx + my * my + mz * mz)
     mx, my, mz = mx / length, my / length, mz / length

@@ -1,8 +1,7 @@
 """One configuration at a time: drawing a direction, and what a visible normal does with the energy.
 
-Here the work branches from lane to lane, so there is nothing for vector instructions to gain. Equation numbers are
-those of Heitz 2014; 001 is "The Minimal Retroreflective Microfacet Model".
-"""
+Here the work branches from lane to lane, so there is nothing for vector instructions to gain. Equation
+numbers are those of Heitz 2014; 001 is "The Minimal Retroreflective Microfacet Model"."""
 
 import math
 from typing import Any
@@ -157,11 +156,11 @@ def shadowing_ratio(
 
 @formula
 def draw_one(s: Array, i: int, modes: Any, u0: float, u1: float, u2: float, out: Array, row: int) -> None:
-    """Draw l for one v into columns l, delta flag, chance and delta weight: a visible normal, then reflection or refraction by F, then v or v' by the blend.
+    """Draw l for one v into columns l, delta flag, chance and delta weight: a visible normal, then
+    reflection or refraction by F, then v or v' by the blend.
 
-    The sample for v' is that for v turned about the normal: a visible normal of v' is (-mx, -my, mz) with the same
-    Fresnel term, G and density. A rejected sample leaves l = n and weight 0.
-    """
+    The sample for v' is that for v turned about the normal: a visible normal of v' is (-mx, -my, mz) with
+    the same Fresnel term, G and density. A rejected sample leaves l = n and weight 0."""
     out[row, 0] = 0.0
     out[row, 1] = 0.0
     out[row, 2] = 1.0

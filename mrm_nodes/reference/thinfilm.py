@@ -1,9 +1,9 @@
 """Thin-film reflectance as MaterialX's nodes have it.
 
-Belcour and Barla 2017, "A Practical Extension to Microfacet Theory for the Modeling of Varying Iridescence", in
-MaterialX 1.39's form: two terms of the series, vacuum outside, and its rule for what lies under a Schlick film. The
-constants of the colour-matching fit and of the change to RGB are those of that paper and of MaterialX.
-"""
+Belcour and Barla 2017, "A Practical Extension to Microfacet Theory for the Modeling of Varying
+Iridescence", in MaterialX 1.39's form: two terms of the series, vacuum outside, and its rule for what lies
+under a Schlick film. The constants of the colour-matching fit and of the change to RGB are those of that
+paper and of MaterialX."""
 
 import math
 
@@ -27,7 +27,9 @@ SERIES_TERMS = 2
 
 @formula
 def sensitivity(path: float, shift: float, channel: int) -> float:
-    """The colour-matching function's Fourier transform at an optical path difference (Belcour and Barla, eq. 10)."""
+    """The colour-matching function's Fourier transform at an optical path difference (Belcour and Barla,
+    eq. 10).
+    """
     phase = 2.0 * math.pi * path
     squared = phase * phase
     result = (
@@ -111,9 +113,8 @@ def film_reflectance(
 ) -> tuple[float, float, float]:
     """RGB reflectance of a film of `thickness` nanometres on a substrate, in [0, 1].
 
-    a, b, c are the substrate's colours: index and extinction for a dielectric or conductor, f0, f82 and f90 for
-    Schlick.
-    """
+    a, b, c are the substrate's colours: index and extinction for a dielectric or conductor, f0, f82 and f90
+    for Schlick."""
     film = max(film_index, 1.0)
     inside = math.sqrt(1.0 - (1.0 - cosine * cosine) / (film * film))
     outer_p, outer_s = polarised(cosine, film, 0.0)
@@ -126,8 +127,8 @@ def film_reflectance(
         b = b0 if channel == 0 else (b1 if channel == 1 else b2)
         c = c0 if channel == 0 else (c1 if channel == 1 else c2)
         if kind == SCHLICK:
-            # Unclamped, as MaterialX has it: a dark tint leaves a film a slightly negative substrate, which reflects
-            # once but does not interfere.
+            # Unclamped, as MaterialX has it: a dark tint leaves a film a slightly negative substrate, which
+            # reflects once but does not interfere.
             under_p = 0.5 * schlick_curve(inside, a, b, c, exponent)
             under_s = under_p
             shift_p = math.pi if index_from_f0(a) < film else 0.0

@@ -252,7 +252,12 @@ def find_renderable(document: mx.Document, where: str, element: str | None) -> m
     Raises:
         MrmError: no such element, none that can be rendered, or several.
     """
-    renderables = mx_gen_shader.findRenderableElements(document)
+    # A graph that implements a definition, as the library's do, is not the document's own output.
+    renderables = [
+        found
+        for found in mx_gen_shader.findRenderableElements(document)
+        if not found.getParent().getAttribute("nodedef")
+    ]
     names = [renderable.getNamePath() for renderable in renderables]
     if element is not None:
         found = document.getDescendant(element) if element else None

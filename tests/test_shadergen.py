@@ -357,4 +357,6 @@ def test_an_image_tagged_srgb_is_decoded() -> None:
     emission.addInput("color", "color3").setNodeName("image")
     surface = document.addNode("surface", "surface", "surfaceshader")
     surface.addInput("edf", "EDF").setNodeName("emission")
+    material = document.addNode("surfacematerial", "material", "material")
+    material.addInput("surfaceshader", "surfaceshader").setNodeName("surface")
     assert "srgb_texture_to_lin_rec709" in mrm_nodes.generate_shader(document).pixel

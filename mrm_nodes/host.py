@@ -18,6 +18,9 @@ _MATH = Path("stdlib/genglsl/lib/mx_math.glsl")
 #: Rules of energy compensation, by the names that the evaluator has for them.
 Compensation = Literal["materialx-1.39.5", "materialx-1.39.6"]
 
+#: Methods of image light, by MaterialX's names, that our nodes have code of their own for.
+Environment = Literal["any", "fis", "prefilter"]
+
 
 @dataclass(frozen=True)
 class Host:
@@ -31,6 +34,10 @@ class Host:
     """Targets without GLSL that drop the switch: they render the forward lobe only."""
     has_matrix_function: bool = True
     """Whether its GLSL multiplies a matrix with a vector by a function of its own (from 1.39.5)."""
+    prefilters_by_albedo: bool = True
+    """Whether its prefiltered image light is scaled by the directional albedo (from 1.39.5)."""
+    environment: Environment = "any"
+    """How it evaluates image light, where that is known: our nodes then need one loop, not two calls of its own."""
 
 
 def read_host(libraries: Path) -> Host:
@@ -59,6 +66,8 @@ def read_host(libraries: Path) -> Host:
             for target in ("genosl", "genmdl")
             if not has_retroreflective or not _passes_on_retroreflective(libraries, target)
         ),
+        prefilters_by_albedo=re.search(r"\bmx_ggx_dir_albedo\s*\([^)]*\bFresnelData\b", microfacet)
+        is not None,
         has_matrix_function="mx_matrix_mul" in (libraries / _MATH).read_text(encoding="utf-8"),
     )
 

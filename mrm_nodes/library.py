@@ -8,14 +8,14 @@ import os
 import re
 import shutil
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import MaterialX as mx
 
 from mrm_nodes import surfaces as retrofitted
 from mrm_nodes.errors import MrmError
-from mrm_nodes.host import CLOSURE_TYPE, Host, read_host
+from mrm_nodes.host import CLOSURE_TYPE, Environment, Host, read_host
 
 #: Folder of the installed library below a `libraries` folder, and the file that lists what was written there.
 INSTALL_NAME = "mrm"
@@ -100,15 +100,18 @@ def load_library(
     doc: mx.Document | None = None,
     surfaces: bool = True,
     libraries: str | os.PathLike[str] | None = None,
+    environment: Environment = "any",
 ) -> mx.Document:
     """Load MaterialX's standard libraries and ours into `doc`, or into a new document, and return it.
 
     With `surfaces`, the retroreflective twins of MaterialX's surfaces come too, made from the installed ones;
     one that is laid out in an unknown way is left out, with a warning. libraries: as in `library_path`.
+    environment: the method by which the host will evaluate image light, `fis` or `prefilter`, where it is known
+    now: the nodes then cost less. Whoever compiles the shaders can define MRM_ENVIRONMENT (1, 2) instead.
     """
     if doc is None:
         doc = mx.createDocument()
-    doc.importLibrary(_library(surfaces, _key(libraries)))
+    doc.importLibrary(_library(surfaces, _key(libraries), environment))
     return doc
 
 
@@ -126,10 +129,10 @@ def _key(libraries: str | os.PathLike[str] | None) -> Path | None:
 
 
 @functools.cache
-def _library(surfaces: bool, libraries: Path | None) -> mx.Document:
+def _library(surfaces: bool, libraries: Path | None, environment: Environment = "any") -> mx.Document:
     library = mx.createDocument()
     path = mx.getDefaultDataSearchPath() if libraries is None else _search_path_above(libraries)
-    folder = library_path(libraries)
+    folder = _root_for(replace(host(libraries), environment=environment)) / "mtlx" / "mrm"
     mx.loadLibraries(["libraries"], path, library)
     _add_nodes(library, folder)
     if surfaces:
@@ -170,6 +173,11 @@ def _write_nodes(folder: Path, rules: Host, libraries: str) -> None:
     include = re.sub(r"(#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL) \d", rf"\g<1> {by_average:d}", include)
     if not rules.has_matrix_function:
         include = include.replace("mx_matrix_mul(m, v)", "((m) * (v))")
+    if not rules.prefilters_by_albedo:
+        include = include.replace("MRM_ENVIRONMENT_PREFILTER 2", "MRM_ENVIRONMENT_PREFILTER (-1)")
+    if rules.environment != "any":
+        method = f"MRM_ENVIRONMENT_{rules.environment.upper()}"
+        include = include.replace("MRM_ENVIRONMENT MRM_ENVIRONMENT_UNKNOWN", f"MRM_ENVIRONMENT {method}")
     (folder / HOST_INCLUDE).write_text(include, encoding="utf-8")
 
     blend, forward = (folder / "mtlx" / "mrm" / name for name in (_BLEND_GRAPHS, _FORWARD_GRAPHS))
@@ -200,19 +208,19 @@ def _surfaces_for(folder: Path, nodes: Path) -> dict[str, str]:
     return {f"{name}.mtlx": mx.writeToXmlString(document) for name, document in documents.items()}
 
 
-def install(libraries: str | os.PathLike[str]) -> list[Path]:
+def install(libraries: str | os.PathLike[str], environment: Environment = "any") -> list[Path]:
     """Copy the node library, its GLSL included, to `libraries`/mrm and return the files written.
 
     `libraries` is a MaterialX `libraries` folder: it holds `stdlib` and `pbrlib`, and what is written follows
     the rules of what lies there. An earlier installation of ours is replaced as a whole; anything else in the
-    way is left alone, and so is an installation that somebody has changed.
+    way is left alone, and so is an installation that somebody has changed. environment: as in `load_library`.
 
     Raises:
         MrmError: `libraries` is no such folder, too old, cannot be written, or holds an `mrm` that is not
             ours or was changed.
     """
     folder = Path(libraries)
-    rules = read_host(folder)
+    rules = replace(read_host(folder), environment=environment)
     target = folder / INSTALL_NAME
     if target.is_symlink() or target.exists():
         found = None if target.is_symlink() else _examine_installation(target)

@@ -80,7 +80,8 @@ def _ignored_of(node: mx.Node, inputs: _Inputs, target: str, environment: str, r
         for name, own in _FUSED_ONLY.items():
             if _is_set(inputs, name, own):
                 yield f"{inputs[name][0]} is ignored by {target}: it renders {_meaning(name, own)}"
-    elif environment != "none":
+    elif environment == "prefilter":
+        # Importance sampling goes through our own loop, which knows the node's own lobe.
         for name, own in _DIRECT_ONLY.items():
             if _is_set(inputs, name, own):
                 yield (

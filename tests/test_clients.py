@@ -1,0 +1,200 @@
+"""Other people's software takes the node library: each MaterialX, its own tools and renderer, the next version."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import MaterialX as mx
+import pytest
+
+from mrm_nodes import compilers, library, shadergen
+from mrm_nodes.errors import MrmError
+from mrm_nodes.host import Host, read_host
+from mrm_nodes.regression import material, reference_image
+from mrm_nodes.regression.cloud import Cloud, attributes_of, run_cloud
+
+# ---- MaterialX 1.39.6, whose energy compensation takes a FresnelData: its rules put into a copy of the libraries
+
+
+def make_newer(libraries: Path) -> None:
+    """Give a copy of MaterialX's `libraries` the energy compensation of 1.39.6."""
+    pbrlib = libraries / "pbrlib" / "genglsl"
+    microfacet = pbrlib / "lib" / "mx_microfacet_specular.glsl"
+    text = microfacet.read_text()
+    overload = r"^\w+ mx_ggx_energy_compensation\([^)]*\)\n\{.*?^\}\n"
+    text, removed = re.subn(overload, "", text, flags=re.MULTILINE | re.DOTALL)
+    assert removed == 2
+    microfacet.write_text(
+        text
+        + """
+vec3 mx_ggx_energy_compensation(float NdotV, float alpha, FresnelData fd)
+{
+    vec3 atNormal = mx_compute_fresnel(1.0, fd);
+    vec3 atGrazing = vec3(1.0);
+    if (fd.model == FRESNEL_MODEL_SCHLICK && !fd.airy)
+    {
+        atGrazing = fd.F90;
+    }
+    float white = mx_ggx_dir_albedo(NdotV, alpha, 1.0, 1.0);
+    return vec3(1.0) + (atNormal + (atGrazing - atNormal) / 21.0) * (1.0 - white) / white;
+}
+"""
+    )
+    for closure in pbrlib.glob("mx_*_bsdf.glsl"):
+        source = closure.read_text()
+        closure.write_text(
+            re.sub(
+                r"mx_ggx_energy_compensation\((\w+), (\w+), F\)",
+                r"mx_ggx_energy_compensation(\1, \2, fd)",
+                source,
+            )
+        )
+
+
+@pytest.fixture
+def newer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A MaterialX whose `libraries` folder follows the rules of 1.39.6."""
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    make_newer(libraries)
+    with monkeypatch.context() as patched:
+        patched.setattr(mx, "getDefaultDataSearchPath", lambda: mx.FileSearchPath(str(tmp_path)))
+        _forget()
+        yield libraries
+    _forget()
+
+
+def _forget() -> None:
+    for cached in (library._own_host, library._library, material.inputs_of):
+        cached.cache_clear()
+
+
+def beside(node: str) -> mx.Document:
+    """Our node and MaterialX's own of the same stem in one graph."""
+    doc = mx.createDocument()
+    doc.setDataLibrary(library.shared_library())
+    lobes = [doc.addNode(name, name, "BSDF") for name in (node, node.removeprefix("mrm_"))]
+    compilers.add_up(doc, lobes, "material")
+    return doc
+
+
+def test_the_rules_are_read_from_the_folder_not_from_the_version(newer: Path) -> None:
+    assert read_host(newer).compensation == "materialx-1.39.6"
+    assert library.host().compensation == "materialx-1.39.6"
+
+
+@pytest.mark.parametrize("target", ["essl", "vulkan", "wgsl", "msl", "slang"])
+@pytest.mark.parametrize("node", material.NODES)
+def test_beside_the_next_materialx_our_nodes_compile(newer: Path, node: str, target: str) -> None:
+    if target not in shadergen.supported_targets():
+        pytest.skip(f"this MaterialX has no {target}")
+    check = compilers.check_material(beside(node), target)
+    if check.status == "unchecked":
+        pytest.skip(check.complaints[0])
+    assert check.status == "compiled", check
+
+
+def test_installed_into_the_next_materialx_they_follow_its_rule(newer: Path) -> None:
+    library.install(newer)
+    host_include = newer / "mrm" / library.HOST_INCLUDE
+    assert "#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL 1" in host_include.read_text()
+
+
+def test_an_explicit_folder_is_followed_too(tmp_path: Path) -> None:
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    make_newer(libraries)
+    doc = mx.createDocument()
+    doc.setDataLibrary(library.shared_library(libraries))
+    compilers.add_up(doc, [doc.addNode("mrm_conductor_bsdf", "bsdf", "BSDF")], "material")
+    source = shadergen.generate_shader(doc, "glsl", libraries=libraries).pixel
+    assert "#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL 1" in source
+    own = shadergen.generate_shader(material.document("mrm_conductor_bsdf"), "glsl").pixel
+    assert "#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL 0" in own
+
+
+@pytest.mark.parametrize("node", material.NODES)
+def test_the_nodes_agree_with_the_evaluator_under_the_next_rule(
+    newer: Path, node: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    renderer = pytest.importorskip("mrm_nodes.render.renderer").Renderer("auto")
+    shader = shadergen.generate_shader(material.document(node, attributes=attributes_of(node)))
+    cloud = Cloud(node, configurations=20_000)
+    assert run_cloud(cloud, renderer, shader).verdict == "pass"
+    # The former rule is another one.
+    monkeypatch.setattr(reference_image, "host", Host)
+    assert run_cloud(cloud, renderer, shader).verdict == "fail"
+
+
+# ---- folders that are not what they should be
+
+
+def test_a_materialx_that_is_too_old_is_named_with_what_to_install(tmp_path: Path) -> None:
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    (libraries / "pbrlib/genglsl/lib/mx_closure_type.glsl").unlink()
+    with pytest.raises(MrmError, match=r"too old .* pip install 'MaterialX>=1.39.3'"):
+        library.install(libraries)
+    with pytest.raises(MrmError, match="too old"):
+        library.load_library(libraries=libraries)
+
+
+def test_a_folder_by_another_name_is_refused_where_materialx_would_not_look(tmp_path: Path) -> None:
+    renamed = Path(shutil.copytree(library.own_libraries(), tmp_path / "materialx"))
+    with pytest.raises(MrmError, match="named `libraries`"):
+        library.search_path(renamed)
+
+
+def test_a_host_without_the_switch_gets_the_forward_lobe_everywhere(tmp_path: Path) -> None:
+    """As MaterialX 1.39.3 and 1.39.4: no `retroreflective` to build a blend from."""
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    definitions = libraries / "pbrlib" / "pbrlib_defs.mtlx"
+    definitions.write_text(re.sub(r"\n *<input name=\"retroreflective\"[^\n]*", "", definitions.read_text()))
+    bindings = libraries / "pbrlib" / "genmdl" / "pbrlib_genmdl_impl.mtlx"
+    bindings.write_text(bindings.read_text().replace("mxp_retroreflective:{{retroreflective}}, ", ""))
+    loaded = library.load_library(libraries=libraries)
+    assert loaded.validate() == (True, "")
+    definition = loaded.getNodeDef("ND_mrm_conductor_bsdf")
+    for target in ("genosl", "genmdl"):
+        graph = definition.getImplementation(target)
+        assert [node.getCategory() for node in graph.getNodes()] == ["conductor_bsdf"]
+    written = {file.name for file in library.install(libraries)}
+    assert "mrm_ng.mtlx" not in written
+    assert "mrm_genosl_ng.mtlx" in written
+
+
+# ---- uninstall
+
+
+def test_uninstall_keeps_what_somebody_added_or_changed(tmp_path: Path) -> None:
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    library.install(libraries)
+    changed = libraries / "mrm" / "glsl" / "mrm_conductor_bsdf.glsl"
+    changed.write_text(changed.read_text() + "// mine\n")
+    added = libraries / "mrm" / "mtlx" / "notes.txt"
+    added.write_text("mine")
+    with pytest.raises(MrmError, match=r"mrm_conductor_bsdf\.glsl, mtlx/notes\.txt was added or changed"):
+        library.install(libraries)
+    removed, kept = library.uninstall(libraries)
+    assert kept == [changed, added]
+    assert sorted(path for path in (libraries / "mrm").rglob("*") if path.is_file()) == [changed, added]
+    assert all(not file.exists() for file in removed)
+
+
+def test_uninstall_without_an_installation_says_so_and_removes_nothing(tmp_path: Path) -> None:
+    theirs = tmp_path / "mrm" / "theirs.mtlx"
+    theirs.parent.mkdir()
+    theirs.write_text("theirs")
+    with pytest.raises(MrmError, match="no installation of mrm-nodes there"):
+        library.uninstall(tmp_path)
+    assert theirs.read_text() == "theirs"
+
+
+def test_a_list_of_files_cannot_point_out_of_the_installation(tmp_path: Path) -> None:
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    library.install(libraries)
+    outside = libraries / "stdlib" / "stdlib_defs.mtlx"
+    mark = libraries / "mrm" / library.INSTALL_MARK
+    mark.write_text(mark.read_text() + f"{library._digest(outside)}  ../stdlib/stdlib_defs.mtlx\n")
+    library.uninstall(libraries)
+    assert outside.is_file()

@@ -216,6 +216,7 @@ def warm_up() -> None:
     from mrm_nodes import reference
 
     up = (0.0, 0.0, 1.0)
-    bsdf = reference.Conductor(1.5, 1.0, 0.5)
+    bsdf = reference.Dielectric(1.5, 0.5, energy_compensation="materialx-1.39.5")
     bsdf.eval(up, up)
     bsdf.sample(up, (0.5, 0.5, 0.5))
+    bsdf.throughput(up, up)

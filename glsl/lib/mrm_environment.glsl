@@ -44,7 +44,7 @@ vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData f
         vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
         float D = mrm_ndf(Ht, lobe);
         Lt.z = max(Lt.z, M_FLOAT_EPS);
-        float G = mrm_masking_shadowing(Vt, Lt, Ht.z, VdotH, lobe);
+        float G = mrm_is_vcavity(lobe) ? mrm_vcavity(Vt.z, Lt.z, Ht.z, VdotH) : mrm_smith(Vt, Lt, lobe);
         radiance = radiance + F * Li * (D * G / (4.0 * Vt.z * pdf));
     }
     return count == 0 ? vec3(0.0) : radiance * ($envLightIntensity / float(count));

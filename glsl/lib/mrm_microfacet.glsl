@@ -72,14 +72,14 @@ float mrm_projected_alpha2(vec3 Wt, vec2 alpha)
     return dot(stretched, stretched) / max(dot(Wt.xy, Wt.xy), M_FLOAT_EPS);
 }
 
-// Masking and shadowing of both directions.
-float mrm_masking_shadowing(vec3 Vt, vec3 Lt, float NdotH, float VdotH, MrmLobe lobe)
+bool mrm_is_vcavity(MrmLobe lobe)
 {
-    if (lobe.masking == MRM_VCAVITY || lobe.distribution == MRM_PHONG)
-    {
-        // [MRM] eq. 9 for both directions; the smaller of the two, [Heitz] section 4.
-        return min(1.0, 2.0 * NdotH * min(Vt.z, Lt.z) / VdotH);
-    }
+    return lobe.masking == MRM_VCAVITY || lobe.distribution == MRM_PHONG;
+}
+
+// Smith's masking and shadowing of both directions: the same for a direction and its mirror about the normal.
+float mrm_smith(vec3 Vt, vec3 Lt, MrmLobe lobe)
+{
     if (lobe.distribution == MRM_BECKMANN)
     {
         // [Heitz] eq. 99
@@ -91,6 +91,12 @@ float mrm_masking_shadowing(vec3 Vt, vec3 Lt, float NdotH, float VdotH, MrmLobe 
     float lambdaV = sqrt(alphaV2 + (1.0 - alphaV2) * mx_square(Vt.z));
     float lambdaL = sqrt(alphaL2 + (1.0 - alphaL2) * mx_square(Lt.z));
     return 2.0 * Lt.z * Vt.z / (lambdaL * Vt.z + lambdaV * Lt.z);
+}
+
+// V-cavity masking and shadowing: [MRM] eq. 9 for both directions; the smaller of the two, [Heitz] section 4.
+float mrm_vcavity(float NdotV, float NdotL, float NdotH, float halfCosine)
+{
+    return min(1.0, 2.0 * NdotH * min(NdotV, NdotL) / halfCosine);
 }
 
 // Split sum of the directional albedo: albedo = F0 * result.x + F90 * result.y.
@@ -169,28 +175,27 @@ vec3 mrm_energy_compensation(vec3 F, FresnelData fd, float E)
     vec3 F90 = fd.model == FRESNEL_MODEL_SCHLICK && !fd.airy ? fd.F90 : vec3(1.0);
     F = F0 + (F90 - F0) * (1.0 / 21.0);
 #endif
-    return vec3(1.0) + F * (1.0 - E) / E;
+    return vec3(1.0) + F * ((1.0 - E) / E);
 }
 
 // The microfacet BSDF of one direction pair in direct light, the light's cosine included; its compensation comes out too.
-vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float E, FresnelData fd, MrmLobe lobe, inout vec3 compensation)
+// scale: G / (4 N.V), or that without V-cavity masking.
+vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float NdotV, float NdotL, float scale, float E, FresnelData fd, MrmLobe lobe, inout vec3 compensation)
 {
     vec3 H = normalize(L + V);
-    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
-    float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
     // The half-angle's cosine is dot(V, H) and half the length of L + V. Where they are nearly opposite H has lost
     // its digits and the length has not; elsewhere Fresnel keeps MaterialX's expression.
     float halfCosine = max(0.5 * length(L + V), M_FLOAT_EPS);
     float VdotH = clamp(halfCosine < 0.1 ? halfCosine : dot(V, H), M_FLOAT_EPS, 1.0);
     vec3 Ht = vec3(dot(H, X), dot(H, Y), dot(H, N));
-    vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
-    vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
 
     vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
     compensation = mrm_energy_compensation(F, fd, E);
-    float D = mrm_ndf(Ht, lobe);
-    float G = mrm_masking_shadowing(Vt, Lt, Ht.z, halfCosine, lobe);
-    return D * F * G * compensation / (4.0 * NdotV);
+    if (mrm_is_vcavity(lobe))
+    {
+        scale = scale * mrm_vcavity(NdotV, NdotL, Ht.z, halfCosine);
+    }
+    return F * compensation * (mrm_ndf(Ht, lobe) * scale);
 }
 
 #include "mrm_environment.glsl"
@@ -207,7 +212,8 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
     // The virtual mirror: [MRM] eq. 3. It does not depend on the side that N points to.
     vec3 Vr = reflect(-V, N);
     N = mx_forward_facing_normal(N, V);
-    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
+    // The same for both lobes but for rounding: that of the larger share.
+    float NdotV = clamp(dot(N, retro > 0.5 ? Vr : V), M_FLOAT_EPS, 1.0);
 
     if (closureData.closureType == CLOSURE_TYPE_REFLECTION)
     {
@@ -216,17 +222,22 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
         AB = mrm_directional_albedo(NdotV, lobe);
         float E = AB.x + AB.y;
 
+        float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
+        vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
+        vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
+        float scale = (mrm_is_vcavity(lobe) ? 1.0 : mrm_smith(Vt, Lt, lobe)) / (4.0 * NdotV);
+
         vec3 forward = vec3(0.0);
         vec3 forwardCompensation = vec3(1.0);
         if (retro < 1.0)
         {
-            forward = mrm_reflection(V, L, N, X, Y, E, fd, lobe, forwardCompensation);
+            forward = mrm_reflection(V, L, N, X, Y, NdotV, NdotL, scale, E, fd, lobe, forwardCompensation);
         }
         vec3 back = vec3(0.0);
         vec3 backCompensation = vec3(1.0);
         if (retro > 0.0)
         {
-            back = mrm_reflection(Vr, L, N, X, Y, E, fd, lobe, backCompensation);
+            back = mrm_reflection(Vr, L, N, X, Y, NdotV, NdotL, scale, E, fd, lobe, backCompensation);
         }
         compensation = (1.0 - retro) * forwardCompensation + retro * backCompensation;
         // Nothing comes from below the horizon, where MaterialX's clamp leaks a little.
@@ -260,13 +271,12 @@ vec3 mrm_transmission(ClosureData closureData, FresnelData fd, MrmLobe lobe, flo
     vec3 Vr = reflect(-V, N);
     N = mx_forward_facing_normal(N, V);
     vec3 transmitted = vec3(0.0);
-    if (retro < 1.0)
+    // A loop, not two branches: software GL runs both sides of a branch.
+    int last = retro > 0.0 ? 1 : 0;
+    for (int i = retro < 1.0 ? 0 : 1; i <= last; i++)
     {
-        transmitted = transmitted + (1.0 - retro) * mx_surface_transmission(N, V, X, lobe.alpha, MRM_GGX, fd, tint);
-    }
-    if (retro > 0.0)
-    {
-        transmitted = transmitted + retro * mx_surface_transmission(N, Vr, X, lobe.alpha, MRM_GGX, fd, tint);
+        float share = i == 0 ? 1.0 - retro : retro;
+        transmitted = transmitted + share * mx_surface_transmission(N, i == 0 ? V : Vr, X, lobe.alpha, MRM_GGX, fd, tint);
     }
     return transmitted;
 }

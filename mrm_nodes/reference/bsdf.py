@@ -87,7 +87,7 @@ class Lobe:
         self._retro_transmission = bool(retro_transmission)
         self._alpha = pair("alpha", alpha, 0.0, np.inf, open_low=True)
         self._retro = scalar("retroreflectivity", retroreflectivity, 0.0, 1.0)
-        self._rxy = scalar("slope_correlation", slope_correlation, -1.0, 1.0, open_low=True)
+        self._rxy = scalar("slope_correlation", slope_correlation, -0.9999, 0.9999)
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
         shifted = bool(self._mean.any())
         skewed = shifted or bool(self._rxy.any())

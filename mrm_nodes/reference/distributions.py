@@ -165,9 +165,7 @@ class Distribution:
         x = scalar("ax", ax, 0.0, open_low=True)
         y = x if ay is None else scalar("ay", ay, 0.0, open_low=True)
         self._alpha = np.concatenate(np.broadcast_arrays(x, y), axis=-1)
-        self._rxy = scalar("slope_correlation", slope_correlation, -1.0, 1.0, open_low=True)
-        if (self._rxy >= 1.0).any():
-            raise ValueError("slope_correlation must be below 1, not 1")
+        self._rxy = scalar("slope_correlation", slope_correlation, -0.9999, 0.9999)
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
 
     def _ask(

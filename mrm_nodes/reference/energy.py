@@ -15,9 +15,9 @@ from .compiled import Array, run
 from .fresnel import SCHLICK
 from .quadrature import quadrature_nodes
 
-ROWS = 64
-COLUMNS = 32
-RESOLUTION = 96
+ROWS = 48
+COLUMNS = 24
+RESOLUTION = 64
 
 #: Largest error of a look-up, at grazing angles where E falls from 1 within n.v < alpha; 1e-3 for n.v above 0.1.
 TABLE_ERROR = 6e-3

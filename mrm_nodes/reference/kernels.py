@@ -107,10 +107,10 @@ def _reflect(s: Array, modes: Any, retro: bool) -> None:
         share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
         lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0 and share > 0.0
         lobe = 0.25 * share * s[D + i] * s[VISIBLE + i]
-        lobe = lobe if lit else 0.0
-        s[TR + i] = lobe * s[FR + i]
-        s[TG + i] = lobe * s[FG + i]
-        s[TB + i] = lobe * s[FB + i]
+        # What does not reflect may not even have a half vector: nothing computed from it is kept.
+        s[TR + i] = lobe * s[FR + i] if lit else 0.0
+        s[TG + i] = lobe * s[FG + i] if lit else 0.0
+        s[TB + i] = lobe * s[FB + i] if lit else 0.0
     scheme = modes[COMPENSATION]
     if scheme == energy.MATERIALX_1_39_5:
         passes.compensate(s)
@@ -159,10 +159,10 @@ def _refract(s: Array, modes: Any, retro: bool) -> None:
         near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
         # (ηv v.h + ηl l.h)² is the squared length of the vector that h was normalised from.
         lobe = share * s[D + i] * s[VISIBLE + i] * s[VH + i] * s[LH + i] * near * near / s[HH + i]
-        lobe = lobe if _refracts(s, i) and share > 0.0 else 0.0
-        s[OR + i] += lobe * s[FR + i]
-        s[OG + i] += lobe * s[FG + i]
-        s[OB + i] += lobe * s[FB + i]
+        lit = _refracts(s, i) and share > 0.0
+        s[OR + i] += lobe * s[FR + i] if lit else 0.0
+        s[OG + i] += lobe * s[FG + i] if lit else 0.0
+        s[OB + i] += lobe * s[FB + i] if lit else 0.0
 
 
 @formula

@@ -92,7 +92,8 @@ class Phong(Distribution):
         """∫ <-w, m> D(m) dm / (w.n): facets turned away, whose area is Λ of what is seen (eqs. 41 and 43)."""
         t, weight = np.polynomial.legendre.leggauss(RADII)
         t, weight = 0.5 * (t + 1.0), 0.5 * weight
-        # Half the circle, the azimuths opposite to w, with steps that shrink where a grazing w sees the last facets.
+        # Half the circle, the azimuths opposite to w, with steps that shrink where a grazing w sees the last
+        # facets.
         s, step = np.polynomial.legendre.leggauss(AZIMUTHS)
         delta, step = 0.5 * np.pi * np.sin(0.5 * np.pi * s), 0.25 * np.pi**2 * np.cos(0.5 * np.pi * s) * step
         out = np.zeros(len(direction))
@@ -103,7 +104,8 @@ class Phong(Distribution):
             azimuth = math.atan2(-y, -x) + delta
             toward = sine * np.cos(delta)
             power = 2.0 * (np.cos(azimuth) ** 2 / ax**2 + np.sin(azimuth) ** 2 / ay**2)
-            # Along an azimuth the facets that face away are steeper than a limit; u is (cos / cos limit)^power.
+            # Along an azimuth the facets that face away are steeper than a limit; u is (cos / cos
+            # limit)^power.
             limit = np.sqrt(toward**2 / (toward**2 + z**2))
             u = t**4
             jacobian = 4.0 * t**3 * weight

@@ -1,0 +1,180 @@
+"""Samples against their density, for every lobe: a chi-square test on a grid over the sphere."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from mrm_nodes import reference as ref
+
+
+class ChiSquare:
+    """Pearson's test of `sample` against `pdf` for one view direction.
+
+    The sphere is cut into cells even in cos θ and φ; a cell's expected count is the density's integral over
+    it, by Gauss-Legendre quadrature, and one more cell holds the samples that were rejected. Cells with few
+    expected counts are pooled. A failure says which cells were off."""
+
+    COSINES, AZIMUTHS, ORDER = 24, 32, 8
+
+    def __init__(self, bsdf, v, count=60_000, seed=1):
+        self.bsdf, self.v, self.count = bsdf, np.asarray(v), count
+        u = np.random.default_rng(seed).random((count, 3))
+        self.sample = bsdf.sample(self.v, u)
+
+    def observed(self):
+        kept = self.sample.pdf > 0.0
+        l = self.sample.l[kept]  # noqa: E741
+        phi = np.arctan2(l[:, 1], l[:, 0])
+        grid, *_ = np.histogram2d(
+            l[:, 2], phi, bins=(self.COSINES, self.AZIMUTHS), range=((-1.0, 1.0), (-math.pi, math.pi))
+        )
+        return np.append(grid.ravel(), self.count - kept.sum())
+
+    def expected(self):
+        x, w = np.polynomial.legendre.leggauss(self.ORDER)
+        x, w = 0.5 * (x + 1.0), 0.5 * w
+        z = -1.0 + 2.0 * (np.arange(self.COSINES)[:, None] + x) / self.COSINES
+        phi = -math.pi + 2.0 * math.pi * (np.arange(self.AZIMUTHS)[:, None] + x) / self.AZIMUTHS
+        z, phi = z[:, None, :, None], phi[None, :, None, :]
+        sin = np.sqrt(1.0 - z**2)
+        l = np.stack(np.broadcast_arrays(sin * np.cos(phi), sin * np.sin(phi), z), axis=-1)  # noqa: E741
+        density = np.einsum("abij,i,j->ab", self.bsdf.pdf(self.v, l), w, w)
+        mass = density * 4.0 * math.pi / (self.COSINES * self.AZIMUTHS)
+        return np.append(mass.ravel(), 1.0 - mass.sum()) * self.count
+
+    def check(self, tests):
+        """Fails at 1 % after Šidák's correction for the number of tests."""
+        observed, expected = self.observed(), self.expected()
+        expected = np.maximum(expected, 0.0)
+        small = expected < 8.0
+        expected = np.append(expected[~small], expected[small].sum())
+        observed = np.append(observed[~small], observed[small].sum())
+        if expected[-1] < 1.0:
+            assert observed[-1] <= 6, "samples where the density is 0"
+            expected, observed = expected[:-1], observed[:-1]
+        residual = (observed - expected) / np.sqrt(expected)
+        p = stats.chi2.sf((residual**2).sum(), len(expected) - 1)
+        limit = 1.0 - (1.0 - 0.01) ** (1.0 / tests)
+        worst = np.argsort(-np.abs(residual))[:5]
+        assert p > limit, (
+            f"p = {p:.2e} <= {limit:.2e}; residuals in standard deviations {residual[worst].round(1)}"
+            f" where {expected[worst].round(1)} were expected"
+        )
+
+
+OUTSIDE, GRAZING = (0.48, 0.36, 0.8), (0.96, 0.0, 0.28)
+INSIDE = (0.48, -0.36, -0.8)
+SCHLICK = {"color0": (0.9, 0.4, 0.1), "alpha": (0.5, 0.25)}
+
+
+def lobes():
+    def case(name, bsdf, v):
+        return pytest.param(bsdf, v, id=name)
+
+    for distribution, masking in (
+        ("ggx", "smith"),
+        ("beckmann", "smith"),
+        ("ggx", "vcavity"),
+        ("beckmann", "vcavity"),
+        ("phong", "vcavity"),
+    ):
+        common = {"distribution": distribution, "masking": masking}
+        for share in (0.0, 0.35, 1.0):
+            name = f"{distribution}-{masking}-retro {share}"
+            retro = common | {"retroreflectivity": share}
+            yield case(name, ref.Conductor(0.2, 3.9, (0.5, 0.25), **retro), OUTSIDE)
+            glass = ref.Dielectric(1.5, (0.4, 0.3), scatter_mode="RT", **retro)
+            yield case(f"{name}-glass", glass, OUTSIDE)
+            yield case(f"{name}-glass from inside", glass, INSIDE)
+        both = common | {"retroreflectivity": 0.4, "retro_transmission": True}
+        yield case(
+            f"{distribution}-{masking}-both turned",
+            ref.Dielectric(1.5, 0.4, scatter_mode="RT", **both),
+            OUTSIDE,
+        )
+        yield case(f"{distribution}-{masking}-grazing", ref.GeneralizedSchlick(**SCHLICK, **common), GRAZING)
+    for distribution in ("ggx", "beckmann"):
+        skew = {"distribution": distribution, "slope_correlation": 0.6}
+        yield case(
+            f"{distribution}-correlated",
+            ref.GeneralizedSchlick(**SCHLICK, **skew, retroreflectivity=0.5),
+            OUTSIDE,
+        )
+        skew["mean_slope"] = (0.2, -0.1)
+        yield case(f"{distribution}-shifted", ref.GeneralizedSchlick(**SCHLICK, **skew), OUTSIDE)
+        yield case(
+            f"{distribution}-shifted-through", ref.Dielectric(1.5, 0.4, scatter_mode="T", **skew), INSIDE
+        )
+    yield case("air in glass", ref.Dielectric(0.67, 0.4, scatter_mode="RT", retroreflectivity=0.3), OUTSIDE)
+    yield case(
+        "schlick through", ref.GeneralizedSchlick((0.3, 0.2, 0.1), alpha=0.4, scatter_mode="RT"), INSIDE
+    )
+    yield case("film", ref.Dielectric(1.5, 0.4, scatter_mode="RT", thinfilm_thickness=400.0), OUTSIDE)
+    yield case(
+        "kulla-conty",
+        ref.Conductor(0.2, 3.9, 0.8, retroreflectivity=0.4, energy_compensation="kulla-conty"),
+        OUTSIDE,
+    )
+
+
+LOBES = list(lobes())
+
+
+@pytest.mark.parametrize(("bsdf", "v"), LOBES)
+def test_samples_follow_the_density_and_average_to_the_albedo(bsdf, v):
+    test = ChiSquare(bsdf, v)
+    test.check(len(LOBES))
+    sample = test.sample
+    eta = float(np.ravel(bsdf._parameters[2])[0]) if isinstance(bsdf, ref.Dielectric) else 1.0
+    if isinstance(bsdf, ref.GeneralizedSchlick):
+        eta = (1.0 + math.sqrt(0.2)) / (1.0 - math.sqrt(0.2))
+    # A radiance weight times eta_l² / eta_v² is a share of energy.
+    through = sample.l[:, 2] * v[2] < 0.0
+    factor = np.where(through, eta**2 if v[2] > 0.0 else eta**-2, 1.0)
+    energy = sample.weight * factor[:, None]
+    error = energy.std(axis=0) / math.sqrt(len(energy))
+    assert (np.abs(energy.mean(axis=0) - bsdf.albedo(v)) <= 4.5 * error + 3e-4).all()
+
+
+def test_the_instrument_sees_a_wrong_density():
+    """A density of another roughness, and one of the forward lobe alone, are refused."""
+    right = ref.Conductor(0.2, 3.9, 0.4, retroreflectivity=0.3)
+    for wrong in (
+        ref.Conductor(0.2, 3.9, 0.42, retroreflectivity=0.3),
+        ref.Conductor(0.2, 3.9, 0.4, retroreflectivity=0.33),
+    ):
+        test = ChiSquare(right, OUTSIDE)
+        test.bsdf = wrong
+        with pytest.raises(AssertionError, match="p = "):
+            test.check(len(LOBES))
+
+
+def test_the_refractive_jacobian_is_the_one_for_l():
+    """001 eq. 5 prints ηv²; differentiating h_t with respect to l numerically gives ηl² (article 002)."""
+    eta = 1.5
+    v = np.array([0.48, 0.36, 0.8])
+    l = np.array([-0.2, -0.35, -math.sqrt(1.0 - 0.04 - 0.1225)])  # noqa: E741
+
+    def half(direction):
+        h = -(v + eta * direction)
+        return h / np.linalg.norm(h)
+
+    across = np.cross(l, [0.0, 1.0, 0.0])
+    across /= np.linalg.norm(across)
+    other = np.cross(l, across)
+    step = 1e-5
+    moves = []
+    for axis in (across, other):
+        ends = [(l + s * axis) / np.linalg.norm(l + s * axis) for s in (step, -step)]
+        moves.append((half(ends[0]) - half(ends[1])) / (2.0 * step))
+    numerical = np.linalg.norm(np.cross(*moves))
+    h = half(l)
+    printed = abs(l @ h) / (v @ h + eta * (l @ h)) ** 2
+    assert numerical == pytest.approx(eta**2 * printed, rel=1e-6)
+    # And the density that sampling has is the visible normals' times that.
+    d = ref.GGX(0.4)
+    m = h if h[2] > 0.0 else -h
+    density = d.pdf_visible(v, m) * numerical
+    assert ref.Dielectric(eta, 0.4, scatter_mode="T").pdf(v, l) == pytest.approx(density, rel=1e-6)

@@ -297,11 +297,14 @@ def uninstall(folder: Path) -> None:
     help="specular_retroreflectivity (OpenPBR, Standard Surface) or retroreflection (glTF), from 0 to 1.",
 )
 def retrofit(file: Path, output: Path, settings: tuple[str, ...]) -> None:
-    """Make a document's surfaces retroreflective: OpenPBR, glTF and Standard Surface become ours."""
-    from mrm_nodes.surfaces.rewrite import retrofit_file
+    """Make a document's surfaces retroreflective: OpenPBR, glTF and Standard Surface become ours.
 
-    changed = retrofit_file(file, output, dict(parse_setting(setting) for setting in settings))
-    click.echo(f"{output}: {', '.join(changed)}")
+    A .gltf or .glb becomes a .mtlx, KHR_materials_retroreflection included; such a .mtlx becomes glTF again.
+    """
+    from mrm_nodes.surfaces.convert import convert
+
+    changed = convert(file, output, dict(parse_setting(setting) for setting in settings))
+    click.echo(f"{output}: {', '.join(changed) or 'nothing changed'}")
 
 
 def parse_setting(text: str) -> tuple[str, float]:

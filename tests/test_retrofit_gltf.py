@@ -1,0 +1,231 @@
+"""glTF with KHR_materials_retroreflection becomes MaterialX, and glTF again, with nothing lost."""
+
+from __future__ import annotations
+
+import base64
+import copy
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import mrm_nodes
+from mrm_nodes.cli import cli
+from mrm_nodes.errors import MrmError
+from mrm_nodes.render import write_png
+from mrm_nodes.shadergen import read_document
+from mrm_nodes.surfaces.convert import convert
+
+TEXTURE = {"index": 0, "texCoord": 0}
+CONE: dict[str, Any] = {
+    "asset": {"version": "2.0", "generator": "a test", "extras": {"author": "somebody"}},
+    "extensionsUsed": ["KHR_materials_retroreflection", "KHR_materials_specular", "VENDOR_thing"],
+    "images": [{"uri": "mask%20one.png"}],
+    "samplers": [{"magFilter": 9728, "wrapS": 33071}],
+    "textures": [{"source": 0, "sampler": 0}],
+    "materials": [
+        {
+            "name": "Cone",
+            "doubleSided": True,
+            "extras": {"note": "kept"},
+            "pbrMetallicRoughness": {
+                "baseColorFactor": [0.9, 0.2, 0.0, 1.0],
+                "baseColorTexture": {
+                    "index": 0,
+                    "extensions": {"KHR_texture_transform": {"scale": [2, 3], "rotation": 0.5}},
+                },
+                "metallicFactor": 0,
+                "roughnessFactor": 0.3499999940395355,
+                "metallicRoughnessTexture": TEXTURE,
+            },
+            "normalTexture": {"index": 0, "scale": 0.5},
+            "occlusionTexture": {"index": 0, "strength": 0.7},
+            "emissiveFactor": [0.1, 0.0, 0.2],
+            "extensions": {
+                "KHR_materials_retroreflection": {
+                    "retroreflectionFactor": 0.8,
+                    "retroreflectionTexture": TEXTURE,
+                },
+                "KHR_materials_specular": {"specularColorFactor": [4.0, 4.0, 4.0]},
+                "KHR_materials_clearcoat": {"clearcoatFactor": 0.5, "clearcoatRoughnessTexture": TEXTURE},
+                "KHR_materials_iridescence": {
+                    "iridescenceFactor": 0.3,
+                    "iridescenceThicknessTexture": TEXTURE,
+                },
+                "KHR_materials_sheen": {"sheenColorFactor": [0.2, 0.1, 0.0], "sheenRoughnessFactor": 0.4},
+                "KHR_materials_transmission": {"transmissionFactor": 0.1},
+                "KHR_materials_volume": {"thicknessFactor": 0.1, "attenuationColor": [0.5, 0.6, 0.7]},
+                "VENDOR_thing": {"anything": [1, 2, {"three": None}]},
+            },
+        },
+        {"name": "Cone", "alphaMode": "MASK", "alphaCutoff": 0.25},
+        {"extensions": {"KHR_materials_retroreflection": {}}},
+    ],
+    "meshes": [{"primitives": [{"attributes": {}, "material": 0}]}],
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    mask = np.zeros((4, 4, 3), np.float32)
+    mask[:, 2:] = 1.0
+    write_png(tmp_path / "mask one.png", mask)
+    (tmp_path / "cone.gltf").write_text(json.dumps(CONE))
+    return tmp_path
+
+
+def write(folder: Path, change: Any = None) -> Path:
+    content = copy.deepcopy(CONE)
+    if change is not None:
+        change(content)
+    path = folder / "changed.gltf"
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_every_material_becomes_a_surface_that_generates(folder: Path) -> None:
+    names = convert(folder / "cone.gltf", folder / "cone.mtlx")
+    assert names == ["Cone", "Cone2", "material2"]
+    document = read_document(folder / "cone.mtlx")
+    assert document.validate() == (True, "")
+    assert [node.getName() for node in document.getNodes("mrm_gltf_pbr")] == [f"{n}_shader" for n in names]
+    for name in names:
+        assert mrm_nodes.generate_shader(folder / "cone.mtlx", element=name).pixel
+
+
+def test_the_weight_is_the_factor_times_the_red_channel(folder: Path) -> None:
+    convert(folder / "cone.gltf", folder / "cone.mtlx")
+    document = read_document(folder / "cone.mtlx")
+    scaled = document.getNode("Cone_shader").getInput("retroreflection").getConnectedNode()
+    assert (scaled.getCategory(), scaled.getInput("in2").getValue()) == ("multiply", pytest.approx(0.8))
+    channel = scaled.getConnectedNode("in1")
+    assert (channel.getCategory(), channel.getInput("index").getValue()) == ("extract", 0)
+    image = channel.getConnectedNode("in")
+    assert image.getInput("file").getValueString() == "mask one.png"
+    assert not image.getInput("file").hasColorSpace()  # the mask is linear
+    assert image.getInput("uaddressmode").getValueString() == "clamp"
+    assert document.getNode("material2_shader").getInput("retroreflection") is None
+
+
+@pytest.mark.parametrize("container", ["gltf", "glb"])
+def test_there_and_back_is_what_it_was(folder: Path, container: str) -> None:
+    source = folder / f"cone.{container}"
+    if container == "glb":
+        write_glb(source, CONE, b"geometry")
+    convert(source, folder / "cone.mtlx")
+    back = folder / f"back.{container}"
+    assert convert(folder / "cone.mtlx", back) == []
+    if container == "glb":
+        assert back.read_bytes()[-8:] == b"geometry"
+        length = struct.unpack_from("<I", back.read_bytes(), 12)[0]
+        assert json.loads(back.read_bytes()[20 : 20 + length]) == CONE
+    else:
+        assert json.loads(back.read_text()) == CONE
+
+
+def write_glb(path: Path, content: dict[str, Any], binary: bytes) -> None:
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text
+    chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
+def test_a_number_changed_in_materialx_is_the_only_one_that_changes_in_gltf(folder: Path) -> None:
+    convert(folder / "cone.gltf", folder / "cone.mtlx")
+    text = (folder / "cone.mtlx").read_text().replace('value="0.8"', 'value="0.25"')
+    shader = '<mrm_gltf_pbr name="Cone2_shader" type="surfaceshader">'
+    assert shader in text
+    added = '<input name="retroreflection" type="float" value="1" />'
+    added += '<input name="base_color" type="color3" value="1, 0, 0" />'
+    (folder / "cone.mtlx").write_text(text.replace(shader, shader + added))
+    assert convert(folder / "cone.mtlx", folder / "back.gltf") == ["Cone", "Cone2"]
+    expected = copy.deepcopy(CONE)
+    expected["materials"][0]["extensions"]["KHR_materials_retroreflection"]["retroreflectionFactor"] = 0.25
+    expected["materials"][1] |= {
+        "extensions": {"KHR_materials_retroreflection": {"retroreflectionFactor": 1.0}},
+        "pbrMetallicRoughness": {"baseColorFactor": [1.0, 0.0, 0.0, 1.0]},
+    }
+    assert json.loads((folder / "back.gltf").read_text()) == expected
+
+
+def test_images_inside_the_gltf_are_written_beside_the_document(folder: Path) -> None:
+    png = (folder / "mask one.png").read_bytes()
+
+    def embed(content: dict[str, Any]) -> None:
+        content["images"] = [{"uri": "data:image/png;base64," + base64.b64encode(png).decode()}]
+
+    convert(write(folder, embed), folder / "cone.mtlx")
+    assert (folder / "cone_image0.png").read_bytes() == png
+
+
+def test_the_command_goes_both_ways(folder: Path) -> None:
+    run = CliRunner().invoke
+    outcome = run(
+        cli,
+        ["retrofit", str(folder / "cone.gltf"), "-o", str(folder / "a.mtlx"), "--set", "retroreflection=1"],
+    )
+    assert outcome.exit_code == 0, outcome.output
+    outcome = run(cli, ["retrofit", str(folder / "a.mtlx"), "-o", str(folder / "b.gltf")])
+    assert outcome.exit_code == 0, outcome.output
+    assert outcome.output == f"{folder / 'b.gltf'}: Cone, Cone2, material2\n"
+    materials = json.loads((folder / "b.gltf").read_text())["materials"]
+    assert all(retro({"materials": [material]})["retroreflectionFactor"] == 1.0 for material in materials)
+    assert materials[0]["pbrMetallicRoughness"] == CONE["materials"][0]["pbrMetallicRoughness"]
+
+
+def retro(content: dict[str, Any]) -> dict[str, Any]:
+    return content["materials"][0]["extensions"]["KHR_materials_retroreflection"]
+
+
+BAD = {
+    "factor": (lambda c: retro(c).update(retroreflectionFactor=1.5), "material 0: retroreflectionFactor 1.5 is not"),
+    "factor type": (lambda c: retro(c).update(retroreflectionFactor="1"), "retroreflectionFactor '1' is not a number"),
+    "property": (lambda c: retro(c).update(retroreflectivity=1.0), "has no retroreflectivity"),
+    "object": (lambda c: c["materials"][0]["extensions"].update(KHR_materials_sheen=1), "sheen is not an object"),
+    "texture": (lambda c: retro(c).update(retroreflectionTexture={"index": 7}), "there is no texture 7"),
+    "file": (lambda c: c["images"][0].update(uri="no_such.png"), r"there is no texture .*no_such\.png"),
+    "unlit": (lambda c: c["materials"][1].update(extensions={"KHR_materials_unlit": {}}), "material 1: KHR"),
+    "none": (lambda c: c.pop("materials"), "has no materials"),
+    "version": (lambda c: c["asset"].update(version="1.0"), "not glTF 2"),
+    "alpha": (lambda c: c["materials"][1].update(alphaMode="GLASS"), "alphaMode 'GLASS' is not one of"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message"), BAD.values(), ids=BAD)
+def test_a_broken_gltf_leaves_no_trace(folder: Path, change: Any, message: str) -> None:
+    source = write(folder, change)
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(MrmError, match=message):
+        convert(source, folder / "out.mtlx")
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"glTF", b"glTF\2\0\0\0\xff\0\0\0\xff\0\0\0JSON{}"])
+def test_a_file_that_is_no_gltf_is_refused(folder: Path, content: bytes) -> None:
+    (folder / "bad.glb").write_bytes(content)
+    with pytest.raises(MrmError, match=r"bad\.glb: (not glTF|a \.glb that is cut short)"):
+        convert(folder / "bad.glb", folder / "out.mtlx")
+
+
+def test_what_cannot_go_back_is_refused(folder: Path) -> None:
+    convert(folder / "cone.gltf", folder / "cone.mtlx")
+    text = (folder / "cone.mtlx").read_text()
+    for change, message in (
+        (("mask one.png", "other.png"), "texture of base_color changed"),
+        (('gltf_source="cone.gltf"', 'gltf_source="gone.gltf"'), r"gone\.gltf: cannot be read"),
+        (('gltf_source="cone.gltf"', ""), "was not made from a glTF"),
+    ):
+        (folder / "cone.mtlx").write_text(text.replace(*change))
+        with pytest.raises(MrmError, match=message):
+            convert(folder / "cone.mtlx", folder / "back.gltf")
+    (folder / "cone.mtlx").write_text(text)
+    for target in ("cone.gltf", "back.glb", "sub/back.gltf"):
+        with pytest.raises(MrmError):
+            convert(folder / "cone.mtlx", folder / target)
+    assert json.loads((folder / "cone.gltf").read_text()) == CONE
+    assert not (folder / "back.gltf").exists()

@@ -629,3 +629,16 @@ def test_a_driver_that_crashes_is_reported():
 def test_an_unknown_backend_is_refused():
     with pytest.raises(MrmError, match="unknown backend vulkan; known: auto, egl, osmesa"):
         get_context("vulkan")
+
+
+def test_the_limits_are_known_whichever_context_is_current() -> None:
+    renderer_of("auto")
+    program = """
+        from mrm_nodes.render import Renderer, get_context
+        backend = get_context("auto").backend
+        with get_context(backend).ctx:
+            pass
+        print(Renderer(backend)._gl.ctx.info["GL_MAX_TEXTURE_SIZE"])
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert int(done.stdout) > 0, done.stderr

@@ -160,9 +160,9 @@ def _create(backend: str) -> GLContext:
     ctx = moderngl.create_context(context=native, require=MINIMUM_VERSION)
     # Objects are released explicitly: a finaliser could run while another context is current.
     ctx.gc_mode = None  # type: ignore[assignment]
-    # moderngl reads the limits when first asked, from whichever context is current then: ask now.
-    with ctx:
-        assert ctx.info["GL_MAX_TEXTURE_SIZE"] > 0
+    # moderngl reads the limits when first asked, from whichever context is current then: ask now, while this one is.
+    if not ctx.info["GL_MAX_TEXTURE_SIZE"]:
+        raise OSError("the driver tells no limits")
     return GLContext(backend, ctx, native.load)
 
 

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render.context import get_context
+from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
 from mrm_nodes.render.gbuffer import TARGETS, Stages, mesh_stages, point_stages, sheet_stages
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
@@ -32,7 +33,7 @@ Floats = NDArray[np.float32]
 #: Points of one draw; more are drawn in turns, so that memory stays modest.
 POINTS_PER_DRAW = 1 << 20
 
-_KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS = 64, 16, 2
+_KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS, _KEPT_ENVIRONMENTS = 64, 16, 2, 4
 #: A pixel takes 128 bytes on the GPU and in memory.
 _MAX_PIXELS = 8192 * 8192
 
@@ -137,6 +138,9 @@ class Renderer:
         self._programs: Recent[Stages, _Program] = Recent(_KEPT_PROGRAMS, lambda p: p.program.release())
         self._meshes: Recent[int, _MeshBuffers] = Recent(_KEPT_MESHES, _MeshBuffers.release)
         self._targets: Recent[tuple[str, int, int, int], _Target] = Recent(_KEPT_TARGETS, _Target.release)
+        self._environments: Recent[int, EnvironmentTextures] = Recent(
+            _KEPT_ENVIRONMENTS, EnvironmentTextures.release
+        )
         self._textures = TextureCache(self._gl)
         with self._gl.ctx as ctx:
             self._black = ctx.texture((1, 1), 4, np.zeros(4, np.float32), dtype="f4")
@@ -149,14 +153,16 @@ class Renderer:
         lights: Sequence[Light] = (),
         size: tuple[int, int] = (512, 512),
         uniforms: Mapping[str, Any] | None = None,
+        environment: Environment | None = None,
     ) -> RenderedImage:
-        """Draw a mesh, in a black environment, with one sample in the middle of each pixel.
+        """Draw a mesh with one sample in the middle of each pixel.
 
         Args:
             camera: by default it stands on the +z side and shows the whole mesh.
             size: width and height in pixels.
             uniforms: values in place of the material's, by the path of an input (`graph/node/input`) or by
                 the uniform's name; an enum takes its name or its number.
+            environment: black by default.
 
         Raises:
             MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN;
@@ -174,7 +180,7 @@ class Renderer:
         with self._gl.ctx:
             started = time.perf_counter()
             program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
-            self._upload(shader, program, values, view_projection, camera, lights)
+            self._upload(shader, program, values, view_projection, camera, lights, environment)
             array = self._vertex_array(program, mesh, shader)
             if is_new:
                 # Drivers compile the second half of a program when it first draws.
@@ -208,6 +214,7 @@ class Renderer:
         camera_position: Sequence[float],
         lights: Sequence[Light] = (),
         uniforms: Mapping[str, Any] | None = None,
+        environment: Environment | None = None,
     ) -> dict[str, Floats]:
         """Shade n points, each with its own vertex data: n configurations of the same shader.
 
@@ -216,7 +223,7 @@ class Renderer:
                 `position`, `normal`, `tangent` (and `bitangent`, `texcoord_0`, `color_0`), and by the name
                 that a `geompropvalue` node gives. `position` is needed, and what the shader uses.
             camera_position: where the shader takes the view direction from.
-            uniforms: as in `render`.
+            uniforms, environment: as in `render`.
 
         Returns:
             `image`, `position`, `normal`, `tangent`: (n, 3) float32, in the order of the points.
@@ -249,7 +256,7 @@ class Renderer:
             ]
             streams = self._point_streams(programs[0], data, count, shader)
             for program in programs:
-                self._upload(shader, program, values, np.eye(4), camera, lights)
+                self._upload(shader, program, values, np.eye(4), camera, lights, environment)
             for start in range(0, count, POINTS_PER_DRAW):
                 end = min(start + POINTS_PER_DRAW, count)
                 target = self._draw_chunk(
@@ -356,6 +363,7 @@ class Renderer:
         view_projection: NDArray[np.float64],
         camera: Camera,
         lights: Sequence[Light],
+        environment: Environment | None,
     ) -> None:
         """Set every active uniform: a program is shared by cases, so that none may keep a former value."""
         own: dict[str, Any] = {
@@ -377,17 +385,28 @@ class Renderer:
             own |= {f"u_lightData[{index}].{name}": value for name, value in light.data(camera).items()}
 
         self._black.use(_BLACK_UNIT)
+        # The environment's units are the last two before moderngl's own, on which it makes textures; those after
+        # the first hold the sheets of a second program.
+        last_unit = self._gl.ctx.max_texture_units - 2
+        if environment is not None:
+            textures = self._environments.get(
+                id(environment), lambda: EnvironmentTextures.upload(self._gl, environment)
+            )
+            textures.radiance.use(last_unit)
+            textures.irradiance.use(last_unit - 1)
+            own |= textures.uniforms()
+            own |= {"u_envRadiance": last_unit, "u_envIrradiance": last_unit - 1}
         unit = _BLACK_UNIT
         for name, uniform in program.uniforms.items():
             value = own[name] if name in own else values[name].value if name in values else None
             if name in values and values[name].type == "filename":
-                if value:
+                if values[name].value:
                     unit += 1
-                    if unit >= self._gl.ctx.max_texture_units:
-                        limit = self._gl.ctx.max_texture_units - 1
+                    limit = last_unit - 2
+                    if unit > limit:
                         raise MrmError(f"{shader.name}: more images than this driver reads at once, {limit}")
                     self._bind_image(shader, values, name, unit)
-                uniform.value = unit if value else _BLACK_UNIT
+                uniform.value = unit if values[name].value else own.get(name, _BLACK_UNIT)
             elif name != "mrm_grid":
                 kind = np.float32 if uniform.fmt.endswith("f") else np.int32
                 floats = uniform.dimension * uniform.array_length
@@ -517,8 +536,9 @@ def render(
     size: tuple[int, int] = (512, 512),
     backend: str = "auto",
     uniforms: Mapping[str, Any] | None = None,
+    environment: str | os.PathLike[str] | Environment | None = None,
 ) -> RenderedImage:
-    """Render a material on a mesh, in a black environment; without a light the image is black.
+    """Render a material on a mesh; without a light and an environment the image is black.
 
     Args:
         material: a .mtlx file, a MaterialX document, or a shader generated for GLSL.
@@ -528,6 +548,7 @@ def render(
         size: width and height in pixels.
         backend: `egl`, `osmesa`, or `auto` for the first of them that works.
         uniforms: values in place of the material's: see `Renderer.render`.
+        environment: `sky`, `studio`, a latitude-longitude map (.hdr, .exr) or an Environment; black by default.
 
     Raises:
         MrmError: any of these is unreadable, unknown, out of range or NaN; the shader does not compile; there
@@ -538,7 +559,10 @@ def render(
     parsed_camera = parse_camera(camera) if isinstance(camera, str) else camera
     loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
     shader = material if isinstance(material, Shader) else generate_shader(material)
-    return shared_renderer(backend).render(shader, loaded, parsed_camera, parsed_lights, size, uniforms)
+    around = environment if isinstance(environment, Environment | None) else find_environment(environment)
+    return shared_renderer(backend).render(
+        shader, loaded, parsed_camera, parsed_lights, size, uniforms, around
+    )
 
 
 _RENDERERS: dict[str, Renderer] = {}

@@ -73,13 +73,17 @@ def both(draw, node, retro, alpha):
 @pytest.mark.parametrize("alpha", [0.007, 0.05, 0.25, 0.6, 1.0])
 @pytest.mark.parametrize("node", material.NODES)
 def test_isotropic_nodes_equal_materialx(draw, node, alpha, retro):
-    ours, theirs, _, cosine = both(draw, node, retro, (alpha, alpha))
+    ours, theirs, truth, cosine = both(draw, node, retro, (alpha, alpha))
     # A tint at 82 degrees can make MaterialX's Fresnel factor negative; ours is clamped.
     assert ours[theirs < 0].max(initial=0.0) == 0
-    error = relative_error(ours, np.maximum(theirs, 0.0))
-    assert (cosine > CLEAR).sum() > N / 2
-    assert error[cosine > CLEAR].max() <= (1e-6 if alpha >= 0.05 else 1e-5)
-    assert np.quantile(error, 0.99) <= 1e-5
+    theirs = np.maximum(theirs, 0.0)
+    clear = cosine > CLEAR
+    assert clear.sum() > N / 2
+    assert relative_error(ours, theirs)[clear].max() <= (1e-6 if alpha >= 0.05 else 1e-5)
+    # Where they differ, at grazing angles, the evaluator is not on MaterialX's side.
+    grazing = ours[~clear], theirs[~clear], truth[~clear]
+    from_ours, from_theirs = (relative_error(grazing[i], grazing[2]) for i in (0, 1))
+    assert from_ours.mean() <= from_theirs.mean() + 1e-7
 
 
 ANISOTROPIC = ((0.3, 0.08), (0.6, 0.1), (0.5, 0.02))

@@ -15,6 +15,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.host import Host, read_host
 from mrm_nodes.regression import material, reference_image
 from mrm_nodes.regression.cloud import Cloud, attributes_of, run_cloud
+from mrm_nodes.render.renderer import shared_renderer
 
 # ---- MaterialX 1.39.6, whose energy compensation takes a FresnelData: its rules put into a copy of the libraries
 
@@ -93,6 +94,8 @@ def test_beside_the_next_materialx_our_nodes_compile(newer: Path, node: str, tar
     check = compilers.check_material(beside(node), target)
     if check.status == "unchecked":
         pytest.skip(check.complaints[0])
+    if check.status == "upstream":
+        pytest.xfail(f"upstream: {check.complaints[0]}")
     assert check.status == "compiled", check
 
 
@@ -114,17 +117,22 @@ def test_an_explicit_folder_is_followed_too(tmp_path: Path) -> None:
     assert "#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL 0" in own
 
 
-@pytest.mark.parametrize("node", material.NODES)
 def test_the_nodes_agree_with_the_evaluator_under_the_next_rule(
-    newer: Path, node: str, monkeypatch: pytest.MonkeyPatch
+    newer: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    renderer = pytest.importorskip("mrm_nodes.render.renderer").Renderer("auto")
+    # The Schlick node: its curve has a reflectance at grazing incidence of its own.
+    node = "mrm_generalized_schlick_bsdf"
+    renderer = shared_renderer()
     shader = shadergen.generate_shader(material.document(node, attributes=attributes_of(node)))
-    cloud = Cloud(node, configurations=20_000)
-    assert run_cloud(cloud, renderer, shader).verdict == "pass"
-    # The former rule is another one.
+
+    def used() -> float:
+        """How much of its bound the worst of the random configurations takes."""
+        decades = run_cloud(Cloud(node, configurations=20_000), renderer, shader).decades
+        return max(decade["max_used"] for decade in decades)
+
+    assert used() < 1
     monkeypatch.setattr(reference_image, "host", Host)
-    assert run_cloud(cloud, renderer, shader).verdict == "fail"
+    assert used() > 10, "the former rule is another one"
 
 
 # ---- folders that are not what they should be

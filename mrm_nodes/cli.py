@@ -87,7 +87,13 @@ def doctor(backend: str) -> int:
 @click.option(
     "--backend", default="auto", show_default=True, help="egl, osmesa, auto (the first that works) or all."
 )
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Worker processes.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    default=2,
+    show_default=True,
+    help="Worker processes, a GL context each.",
+)
 @click.option(
     "--filter",
     "expression",

@@ -28,7 +28,7 @@ SMALLEST_ALPHA = 1e-8
 """Up to which MaterialX raises a roughness; the largest is 1."""
 
 
-def evaluator(node: str, values: Mapping[str, Any]) -> Any:
+def evaluator(node: str, values: Mapping[str, Any], compensated: bool = True) -> Any:
     """The evaluator's BSDF for a node and its inputs (scalars, or arrays `(n,)` and `(n, 3)`).
 
     `weight` and the geometric inputs are not part of it.
@@ -38,7 +38,7 @@ def evaluator(node: str, values: Mapping[str, Any]) -> Any:
         "retroreflectivity": np.clip(as_float32(values["retroreflectivity"]), 0.0, 1.0),
         "distribution": values["distribution"],
         "masking": values["masking"],
-        "energy_compensation": host().compensation,
+        "energy_compensation": host().compensation if compensated else None,
         "thinfilm_thickness": as_float32(values["thinfilm_thickness"]),
         "thinfilm_ior": as_float32(values["thinfilm_ior"]),
     }

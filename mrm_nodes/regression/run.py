@@ -7,6 +7,7 @@ import importlib.metadata
 import multiprocessing
 import os
 import platform
+import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
@@ -190,6 +191,8 @@ _worker: Worker | None = None
 
 def _start_worker(backend: str) -> None:
     global _worker
+    # Ctrl-C reaches every process of the terminal; the parent alone decides what ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     _worker = Worker(backend)
 
 

@@ -24,7 +24,9 @@ D, CV, CL, SINE_V, SINE_L, AREA_V, AREA_L, VISIBLE = (BLOCK * k for k in range(4
 FR, FG, FB, TR, TG, TB, OR, OG, OB = (BLOCK * k for k in range(48, 57))
 # White albedo at n.v, index of the inside, cosine on the outside of the selected normal.
 ALBEDO, INDEX, OUTER = (BLOCK * k for k in range(57, 60))
-SIZE = BLOCK * 60
+# Whether any lane has a film, a forward share, a retro share, and whether any parameter varies: what can be skipped.
+COATED, FORWARD, RETRO_SHARE, VARIES = (BLOCK * 60 + k for k in range(4))
+SIZE = BLOCK * 61
 
 # Positions in `modes`.
 KIND, DISTRIBUTION, MASKING, CORRELATION, COMPENSATION, SCATTER, RETRO_TRANSMISSION, SKEWED, FIFTH = range(9)
@@ -51,11 +53,31 @@ def _load(s: Array, row: int, source: Array, component: int, start: int, count: 
 
 
 @formula
-def load(s: Array, inputs: Any, start: int, count: int, first: bool) -> None:
+def _load_directions(
+    s: Array, row: int, source: Array, dense: Array, start: int, count: int, first: bool
+) -> None:
+    if dense.size > 0 and count == BLOCK:
+        for i in range(BLOCK):
+            s[row + i] = dense[3 * (start + i)]
+            s[row + BLOCK + i] = dense[3 * (start + i) + 1]
+            s[row + 2 * BLOCK + i] = dense[3 * (start + i) + 2]
+    else:
+        for c in range(3):
+            _load(s, row + c * BLOCK, source, c, start, count, first)
+
+
+@formula
+def load(s: Array, inputs: Any, dense: Any, start: int, count: int, first: bool) -> None:
     """Fill the rows of directions and parameters with `count` configurations from `start` on."""
+    _load_directions(s, VX, inputs[IN_V], dense[0], start, count, first)
+    _load_directions(s, LX, inputs[IN_L], dense[1], start, count, first)
+    if first:
+        s[VARIES] = 0.0
+        for k in range(IN_ALPHA, IN_TABLE):
+            s[VARIES] += 1.0 if inputs[k].strides[0] != 0 else 0.0
+    elif s[VARIES] == 0.0:
+        return
     for c in range(3):
-        _load(s, VX + c * BLOCK, inputs[IN_V], c, start, count, first)
-        _load(s, LX + c * BLOCK, inputs[IN_L], c, start, count, first)
         _load(s, A0 + c * BLOCK, inputs[IN_A], c, start, count, first)
         _load(s, B0 + c * BLOCK, inputs[IN_B], c, start, count, first)
         _load(s, C0 + c * BLOCK, inputs[IN_C], c, start, count, first)
@@ -68,6 +90,16 @@ def load(s: Array, inputs: Any, start: int, count: int, first: bool) -> None:
     _load(s, FILM, inputs[IN_FILM], 0, start, count, first)
     _load(s, FILM_INDEX, inputs[IN_FILM_INDEX], 0, start, count, first)
     _load(s, RXY, inputs[IN_RXY], 0, start, count, first)
+    if first or inputs[IN_FILM].strides[0] != 0:
+        s[COATED] = 0.0
+        for i in range(BLOCK):
+            s[COATED] += 1.0 if s[FILM + i] > 0.0 else 0.0
+    if first or inputs[IN_RETRO].strides[0] != 0:
+        s[FORWARD] = 0.0
+        s[RETRO_SHARE] = 0.0
+        for i in range(BLOCK):
+            s[FORWARD] += 1.0 if s[RETRO + i] < 1.0 else 0.0
+            s[RETRO_SHARE] += 1.0 if s[RETRO + i] > 0.0 else 0.0
 
 
 @formula
@@ -92,12 +124,3 @@ def clear(s: Array, row: int) -> None:
     """Set one row to 0."""
     for i in range(BLOCK):
         s[row + i] = 0.0
-
-
-@formula
-def any_positive(s: Array, row: int) -> bool:
-    """Whether a row holds a positive value."""
-    largest = 0.0
-    for i in range(BLOCK):
-        largest += 1.0 if s[row + i] > 0.0 else 0.0
-    return largest > 0.0

@@ -29,6 +29,7 @@ _CONFIGURED = int(vars(config)["NUMBA_NUM_THREADS"])
 formula = numba.njit(error_model="numpy")
 
 INPUT = types.Array(types.float64, 2, "A", readonly=True)
+DENSE = types.Array(types.float64, 1, "C", readonly=True)
 OUTPUT = types.Array(types.float64, 2, "C")
 MODES = types.Array(types.int64, 1, "C")
 
@@ -56,11 +57,12 @@ class _StampedCache(FunctionCache):
 
 
 class Kernel:
-    """A function of (start, stop, inputs, modes, outputs) that is compiled for one signature, on its first
-    call.
+    """A function of (start, stop, inputs, dense, modes, outputs), compiled for one signature on its first call.
 
-    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because
-    inputs are typed as arrays of any stride."""
+    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because inputs are
+    typed as arrays of any stride. `dense` holds the first two inputs again, as flat arrays, where memory has them in
+    one piece; else it holds empty ones.
+    """
 
     def __init__(self, function: Callable[..., int], inputs: int, outputs: int) -> None:
         tuple_of: Any = types.UniTuple
@@ -69,13 +71,14 @@ class Kernel:
             types.int64,
             types.int64,
             tuple_of(INPUT, inputs),
+            tuple_of(DENSE, 2),
             MODES,
             tuple_of(OUTPUT, outputs),
         )
         self._compiled: Any = None
         self._lock = threading.Lock()
 
-    def __call__(self, start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    def __call__(self, start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
         if self._compiled is None:
             with self._lock:
                 if self._compiled is None:
@@ -85,7 +88,7 @@ class Kernel:
                     dispatcher.compile(self._signature)
                     dispatcher.disable_compile()
                     self._compiled = dispatcher
-        return int(self._compiled(start, stop, inputs, modes, outputs))
+        return int(self._compiled(start, stop, inputs, dense, modes, outputs))
 
 
 @lru_cache(maxsize=1)
@@ -111,18 +114,25 @@ def set_thread_count(count: int | None) -> None:
 
 
 def _launch(kernel: Kernel, count: int, inputs: Any, modes: Any, outputs: Any) -> int:
+    dense = tuple(_in_one_piece(array) for array in inputs[:2])
     threads = thread_count()
     if count <= RANGE or threads == 1:
-        return kernel(0, count, inputs, modes, outputs)
+        return kernel(0, count, inputs, dense, modes, outputs)
     # Compile before the threads start, or each would wait for the first.
-    rejected = kernel(0, RANGE, inputs, modes, outputs)
+    rejected = kernel(0, RANGE, inputs, dense, modes, outputs)
     starts = range(RANGE, count, RANGE)
     shares = [starts[k::threads] for k in range(threads)]
 
     def work(share: range) -> int:
-        return sum(kernel(start, min(start + RANGE, count), inputs, modes, outputs) for start in share)
+        return sum(kernel(start, min(start + RANGE, count), inputs, dense, modes, outputs) for start in share)
 
     return rejected + sum(_pool(os.getpid()).map(work, shares))
+
+
+def _in_one_piece(array: Array) -> Array:
+    piece = array.reshape(-1) if array.flags.c_contiguous else np.empty(0)
+    piece.flags.writeable = False
+    return piece
 
 
 def _collapsible(array: Array) -> bool:

@@ -66,7 +66,7 @@ def _masking(
     return wz / surface.schlick_smith_area(wz, sine)
 
 
-def _answer(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     out = outputs[0]
     view, light, normal = inputs[_IN_V], inputs[_IN_L], inputs[_IN_M]
     alpha, correlations, mean = inputs[_IN_ALPHA], inputs[_IN_RXY], inputs[_IN_MEAN]

@@ -45,20 +45,20 @@ def dielectric_transmittance(near: float, near_index: float, far: float, far_ind
 def conductor_reflectance(cosine: float, n: float, k: float) -> float:
     """Unpolarised reflectance of a conductor with index n + ik relative to the near medium.
 
-    With a + ib = sqrt((n + ik)² - sin²), Rs = |c - (a+ib)|² / |c + (a+ib)|² and Rp = Rs · |a+ib - s²/c|² /
-    |a+ib + s²/c|² (Born and Wolf, Principles of Optics, section 14.2)."""
+    With a + ib = sqrt((n + ik)² - s²), Rs = |c - (a + ib)|² / |c + (a + ib)|² and Rp = Rs |a + ib - s²/c|²
+    / |a + ib + s²/c|² (Born and Wolf, Principles of Optics, section 14.2). Their mean over one denominator,
+    with no difference that could fall below 0."""
     c2 = cosine * cosine
     s2 = 1.0 - c2
     t0 = n * n - k * k - s2
     modulus = math.sqrt(t0 * t0 + 4.0 * n * n * k * k)
-    twice_a = math.sqrt(max(2.0 * (modulus + t0), 0.0))
-    sum_s = modulus + c2
-    cross_s = twice_a * cosine
-    rs = (sum_s - cross_s) / (sum_s + cross_s)
-    sum_p = c2 * modulus + s2 * s2
-    cross_p = cross_s * s2
-    rp = rs * (sum_p - cross_p) / (sum_p + cross_p)
-    return 0.5 * (rs + rp)
+    a2 = max(0.5 * (modulus + t0), 0.0)
+    b2 = max(modulus - a2, 0.0)
+    a = math.sqrt(a2)
+    minus, plus, product = a - cosine, a + cosine, a * cosine + s2
+    above = (minus * minus + b2) * (c2 * modulus + s2 * s2)
+    below = (plus * plus + b2) * (product * product + b2 * c2)
+    return above / below
 
 
 # The 82-degree tint acts where cos = 1/7, and is scaled to reach F82 there.

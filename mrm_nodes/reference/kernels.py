@@ -24,6 +24,7 @@ from .block import (
     EZ,
     FB,
     FG,
+    FORWARD,
     FR,
     GZ,
     HH,
@@ -45,6 +46,7 @@ from .block import (
     OUTER,
     REFLECT,
     RETRO,
+    RETRO_SHARE,
     RETRO_TRANSMISSION,
     RXY,
     SCATTER,
@@ -60,16 +62,14 @@ from .block import (
     VH,
     VISIBLE,
     VX,
-    VZ,
     D,
-    any_positive,
     clear,
     count_not_unit,
     load,
     store,
 )
 from .compiled import Array, Kernel, formula
-from .fresnel import CONDUCTOR
+from .fresnel import CONDUCTOR, DIELECTRIC
 from .sampling import sample_normal, sample_visible_smith
 from .single import draw_one, scattered
 
@@ -77,22 +77,13 @@ INPUTS = 14
 
 
 @formula
-def _prepare(s: Array, inputs: Any, modes: Any, start: int, count: int, first: bool) -> int:
+def _prepare(s: Array, inputs: Any, dense: Any, modes: Any, start: int, count: int, first: bool) -> int:
     """Load a block and work out what its lobes share; returns how many of v are not of unit length."""
-    load(s, inputs, start, count, first)
-    passes.place(s)
+    load(s, inputs, dense, start, count, first)
+    passes.place(s, modes)
     passes.indices(s, modes)
     passes.white_albedo(s, modes, inputs[IN_TABLE])
     return count_not_unit(s, VX, count)
-
-
-@formula
-def _shares(s: Array) -> tuple[bool, bool]:
-    """Whether any configuration of a block has a forward share, and any a retro share."""
-    least = 0.0
-    for i in range(BLOCK):
-        least += 1.0 if s[RETRO + i] < 1.0 else 0.0
-    return least > 0.0, any_positive(s, RETRO)
 
 
 @formula
@@ -183,31 +174,20 @@ def _any_across(s: Array) -> bool:
     return found > 0.0
 
 
-@formula
-def _hide_inside(s: Array, modes: Any) -> None:
-    """Nothing comes out of a conductor."""
-    if modes[KIND] == CONDUCTOR:
-        for i in range(BLOCK):
-            visible = s[VZ + i] > 0.0
-            s[OR + i] = s[OR + i] if visible else 0.0
-            s[OG + i] = s[OG + i] if visible else 0.0
-            s[OB + i] = s[OB + i] if visible else 0.0
-
-
-def evaluate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """f(v, l) of the whole lobe into `outputs[0]`; returns how many directions were not of unit length."""
     s = np.empty(SIZE)
     out = outputs[0]
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
         rejected += count_not_unit(s, LX, count)
         for c in range(3):
             clear(s, OR + c * BLOCK)
         if modes[MASKING] != surface.VCAVITY:
             passes.areas(s, modes)
-        forward, retro = _shares(s)
+        forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
         if modes[SCATTER] != TRANSMIT:
             for lobe in range(2):
                 if lobe == 1:
@@ -223,10 +203,9 @@ def evaluate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> in
                     passes.turn(s)
                 if (turned and retro and lobe == 1) or ((forward or not turned) and lobe == 0):
                     _refract(s, modes, lobe == 1)
-        _hide_inside(s, modes)
-        for c in range(3):
-            for i in range(BLOCK):
-                s[OR + c * BLOCK + i] *= s[T0 + c * BLOCK + i]
+        if modes[KIND] == DIELECTRIC:
+            for i in range(3 * BLOCK):
+                s[OR + i] *= s[T0 + i]
         for i in range(count):
             out[begin + i, 0] = s[OR + i]
             out[begin + i, 1] = s[OG + i]
@@ -273,18 +252,18 @@ def _refraction_density(s: Array, modes: Any, retro: bool) -> None:
         s[OR + i] += density if _refracts(s, i) and share > 0.0 else 0.0
 
 
-def density(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+def density(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """The density per steradian of what `draw` draws, into `outputs[0]`; returns as `evaluate` does."""
     s = np.empty(SIZE)
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
         rejected += count_not_unit(s, LX, count)
         clear(s, OR)
         if modes[MASKING] != surface.VCAVITY:
             passes.areas(s, modes)
-        forward, retro = _shares(s)
+        forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
         if modes[SCATTER] != TRANSMIT:
             for lobe in range(2):
                 if lobe == 1:
@@ -305,7 +284,6 @@ def density(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int
                 lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0
                 diffuse = lost * s[GZ + i] / math.pi
                 s[OR + i] = (1.0 - lost) * s[OR + i] + (diffuse if lit else 0.0)
-        _hide_inside(s, modes)
         store(s, outputs[0], OR, 0, begin, count)
     return rejected
 
@@ -313,13 +291,13 @@ def density(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int
 DENSITY = Kernel(density, INPUTS, 1)
 
 
-def draw(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+def draw(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """Directions for the uniforms in `inputs[IN_L]`: the columns of `draw_one`."""
     s = np.empty(SIZE)
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
         for i in range(count):
             draw_one(s, i, modes, s[LX + i], s[LY + i], s[LZ + i], outputs[0], begin + i)
     return rejected
@@ -390,7 +368,7 @@ def _integrate_one(
     return r0 / total, r1 / total, r2 / total, t0 / total, t1 / total, t2 / total
 
 
-def integrate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """The share of energy that is reflected and transmitted, before the tint; `inputs[IN_NODES]` is the
     quadrature.
     """
@@ -400,7 +378,7 @@ def integrate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> i
     table = inputs[IN_TABLE]
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, modes, begin, count, begin == start)
+        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
         for i in range(count):
             parts = _integrate_one(s, i, modes, inputs[IN_NODES])
             s[OR + i], s[OG + i], s[OB + i] = parts[0], parts[1], parts[2]
@@ -420,7 +398,6 @@ def integrate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> i
                     s[OB + i] += lost * s[TB + i]
             else:
                 _finish_reflection(s, modes, table)
-        _hide_inside(s, modes)
         for i in range(count):
             out[begin + i, 0] = (out[begin + i, 0] + s[OR + i]) * s[T0 + i]
             out[begin + i, 1] = (out[begin + i, 1] + s[OG + i]) * s[T1 + i]
@@ -431,14 +408,14 @@ def integrate(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> i
 INTEGRATE = Kernel(integrate, INPUTS + 1, 1)
 
 
-def reflectance(start: int, stop: int, inputs: Any, modes: Any, outputs: Any) -> int:
+def reflectance(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """RGB reflectance from outside at the cosines in `inputs[IN_L]`; the average that 1.39.6 uses for its
     mode.
     """
     s = np.empty(SIZE)
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        load(s, inputs, begin, count, begin == start)
+        load(s, inputs, dense, begin, count, begin == start)
         passes.indices(s, modes)
         if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
             passes.typical_reflectance(s, modes)

@@ -25,6 +25,7 @@ from .block import (
     C1,
     C2,
     CL,
+    COATED,
     COMPENSATION,
     CORRELATION,
     CV,
@@ -70,7 +71,6 @@ from .block import (
     VY,
     VZ,
     D,
-    any_positive,
 )
 from .compiled import Array, formula
 from .energy_formulas import compensation, rational_albedo
@@ -89,13 +89,15 @@ from .thinfilm import film_reflectance
 
 
 @formula
-def place(s: Array) -> None:
+def place(s: Array, modes: Any) -> None:
     """Both directions as seen from v's side.
 
-    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their
-    distribution."""
+    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their distribution. A
+    conductor has no inside: v stays below the surface, where nothing is lit.
+    """
+    opaque = modes[KIND] == CONDUCTOR
     for i in range(BLOCK):
-        side = 1.0 if s[VZ + i] >= 0.0 else -1.0
+        side = 1.0 if s[VZ + i] >= 0.0 or opaque else -1.0
         s[SIDE + i] = side
         s[EX + i] = side * s[VX + i]
         s[EY + i] = side * s[VY + i]
@@ -185,12 +187,16 @@ def areas(s: Array, modes: Any) -> None:
 
     Turning v about the normal changes none of them unless slopes are shifted, and then there is no retro
     lobe."""
-    for i in range(BLOCK):
-        up = 1.0 if s[GZ + i] >= 0.0 else -1.0
-        s[CV + i] = s[EZ + i] - s[MX + i] * s[EX + i] - s[MY + i] * s[EY + i]
-        s[CL + i] = up * (s[GZ + i] - s[MX + i] * s[GX + i] - s[MY + i] * s[GY + i])
-        s[SINE_V + i] = surface.stretched_sine_squared(s[EX + i], s[EY + i], s[AX + i], s[AY + i], s[RXY + i])
-        s[SINE_L + i] = surface.stretched_sine_squared(s[GX + i], s[GY + i], s[AX + i], s[AY + i], s[RXY + i])
+    if modes[SKEWED] == 0:
+        for i in range(BLOCK):
+            s[CV + i] = s[EZ + i]
+            s[CL + i] = abs(s[GZ + i])
+            x, y = s[AX + i] * s[EX + i], s[AY + i] * s[EY + i]
+            s[SINE_V + i] = x * x + y * y
+            x, y = s[AX + i] * s[GX + i], s[AY + i] * s[GY + i]
+            s[SINE_L + i] = x * x + y * y
+    else:
+        _skewed_sines(s)
     distribution = modes[DISTRIBUTION]
     if distribution == surface.BECKMANN:
         for i in range(BLOCK):
@@ -204,6 +210,16 @@ def areas(s: Array, modes: Any) -> None:
         for i in range(BLOCK):
             s[AREA_V + i] = surface.ggx_projected_area(s[CV + i], s[SINE_V + i])
             s[AREA_L + i] = surface.ggx_projected_area(s[CL + i], s[SINE_L + i])
+
+
+@formula
+def _skewed_sines(s: Array) -> None:
+    for i in range(BLOCK):
+        up = 1.0 if s[GZ + i] >= 0.0 else -1.0
+        s[CV + i] = s[EZ + i] - s[MX + i] * s[EX + i] - s[MY + i] * s[EY + i]
+        s[CL + i] = up * (s[GZ + i] - s[MX + i] * s[GX + i] - s[MY + i] * s[GY + i])
+        s[SINE_V + i] = surface.stretched_sine_squared(s[EX + i], s[EY + i], s[AX + i], s[AY + i], s[RXY + i])
+        s[SINE_L + i] = surface.stretched_sine_squared(s[GX + i], s[GY + i], s[AX + i], s[AY + i], s[RXY + i])
 
 
 @formula
@@ -365,7 +381,7 @@ def fresnel(s: Array, modes: Any) -> None:
             s[FR + i] = 1.0 if total else s[FR + i]
             s[FG + i] = 1.0 if total else s[FG + i]
             s[FB + i] = 1.0 if total else s[FB + i]
-    if any_positive(s, FILM):
+    if s[COATED] > 0.0:
         for i in range(BLOCK):
             if s[FILM + i] > 0.0 and s[OUTER + i] > 0.0:
                 s[FR + i], s[FG + i], s[FB + i] = film_reflectance(

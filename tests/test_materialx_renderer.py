@@ -1,0 +1,89 @@
+"""MaterialX's own renderer draws the nodes, and its image is ours."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import MaterialX as mx
+import numpy as np
+import pytest
+
+from mrm_nodes.regression.material import document
+from mrm_nodes.render.mesh import Mesh
+from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.renderer import shared_renderer
+from mrm_nodes.render.scene import Camera, DirectionalLight
+from mrm_nodes.shadergen import generate_shader
+
+INSTALL = "no display for MaterialX's renderer: apt-get install xvfb xauth libgl1-mesa-dri libgl1 libxt6"
+SIZE = (160, 120)
+
+if shutil.which("xvfb-run") is None:
+    assert "clients" not in os.environ.get("MRM_REQUIRE_COMPILERS", "").split(","), INSTALL
+    pytest.skip(INSTALL, allow_module_level=True)
+
+
+def write_obj(mesh: Mesh, file: Path) -> None:
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.positions]
+    lines += [f"vt {u:.9g} {v:.9g}" for u, v in mesh.texcoords]
+    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.normals]
+    corners = np.asarray(mesh.indices).reshape(-1, 3) + 1
+    lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in corner) for corner in corners]
+    file.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(
+    ("node", "values"),
+    [
+        ("mrm_conductor_bsdf", {"roughness": mx.Vector2(0.2, 0.2), "retroreflectivity": 0.5}),
+        ("mrm_dielectric_bsdf", {"roughness": mx.Vector2(0.3, 0.3), "retroreflectivity": 1.0}),
+        ("mrm_generalized_schlick_bsdf", {"roughness": mx.Vector2(0.1, 0.1), "retroreflectivity": 0.25}),
+    ],
+)
+def test_materialx_own_renderer_draws_the_same_image(
+    node: str, values: dict[str, object], tmp_path: Path
+) -> None:
+    doc = document(node)
+    for name, value in values.items():
+        doc.getNode("bsdf").setInputValue(name, value)
+    material, mesh_file = tmp_path / "material.mtlx", tmp_path / "sphere.obj"
+    mx.writeToXmlFile(doc, str(material))
+    write_obj(load_mesh("sphere"), mesh_file)
+    mesh = load_mesh(mesh_file)
+
+    camera = Camera((0.5, 0.7, 4.0), (0.0, 0.0, 0.0))
+    lamp = DirectionalLight(direction=(-0.3, -0.5, -1.0), color=(1.0, 0.9, 0.8))
+    near, far = camera.clip_distances(mesh.center, mesh.radius)
+    scene = {
+        "size": SIZE,
+        # MaterialX's matrices multiply row vectors.
+        "view": camera.view_matrix().T.ravel().tolist(),
+        "projection": camera.projection_matrix(SIZE[0] / SIZE[1], near, far).T.ravel().tolist(),
+        "direction": lamp.direction,
+        "color": lamp.color,
+    }
+    (tmp_path / "scene.json").write_text(json.dumps(scene))
+    script = Path(__file__).with_name("materialx_renderer.py")
+    arguments = [material, mesh_file, tmp_path / "scene.json", tmp_path / "image.npy"]
+    done = subprocess.run(
+        ["xvfb-run", "-a", sys.executable, str(script), *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    theirs = np.load(tmp_path / "image.npy")[..., :3]
+    ours = shared_renderer().render(generate_shader(material), mesh, camera, [lamp], SIZE)
+
+    # At an outline the two rasterizers, at different distances to the near plane, may differ.
+    inside = ours.mask & np.roll(ours.mask, 1, 0) & np.roll(ours.mask, -1, 0)
+    inside &= np.roll(ours.mask, 1, 1) & np.roll(ours.mask, -1, 1)
+    assert inside.sum() > 2000
+    assert ours.image[inside].max() > 0.05
+    error = np.abs(theirs - ours.image)[inside] / np.maximum(np.abs(ours.image[inside]), 1e-3)
+    assert error.max() < 1e-4

@@ -1,5 +1,7 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
+# make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
+# make clients   the same nodes in other releases of MaterialX, its own tools and its own renderer
 # make lint      check types, lint and format
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.
@@ -9,13 +11,23 @@ BACKEND ?= all
 REPORT ?= report
 BIN := .venv/bin
 
-.PHONY: regress test lint setup clean
+.PHONY: regress test lint setup clean targets clients
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND)
 
 test: setup
 	$(BIN)/python -m pytest -q -n 2 --dist loadscope
+
+# Here a compiler that is missing is a failure, where `make test` skips its tests.
+targets: setup
+	@sh .ci/compilers
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[targets]'
+	MRM_REQUIRE_COMPILERS=glsl,essl,vulkan,wgsl,slang,msl,clients $(BIN)/python -m pytest -q -n 2 --dist loadscope \
+		tests/test_targets.py tests/test_webgl.py tests/test_materialx_renderer.py
+
+clients: targets
+	@sh .ci/clients
 
 lint: setup
 	$(BIN)/ruff check .
@@ -29,4 +41,4 @@ setup: .venv/ready
 	@sh .ci/virtual-environment $(PYTHON)
 
 clean:
-	rm -rf .venv $(REPORT) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv .venv-clients $(REPORT) .pytest_cache .mypy_cache .ruff_cache

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -206,3 +209,70 @@ def test_a_list_of_files_cannot_point_out_of_the_installation(tmp_path: Path) ->
     mark.write_text(mark.read_text() + f"{library._digest(outside)}  ../stdlib/stdlib_defs.mtlx\n")
     library.uninstall(libraries)
     assert outside.is_file()
+
+
+# ---- MaterialX's own tools, unchanged
+
+
+@pytest.fixture(scope="module")
+def dropped_in(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of the MaterialX package with the node library in its `libraries`; returns the folder above it."""
+    folder = tmp_path_factory.mktemp("dropped_in")
+    shutil.copytree(Path(mx.__file__).parent, folder / "MaterialX")
+    library.install(folder / "MaterialX" / "libraries")
+    return folder
+
+
+def run_tool(tool: str, *arguments: str | Path, python_path: Path | None = None) -> str:
+    """Run a tool of MaterialX's package and return what it printed."""
+    environment = dict(os.environ)
+    if python_path is not None:
+        environment["PYTHONPATH"] = str(python_path)
+    command = [sys.executable, "-m", f"MaterialX._scripts.{tool}", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, env=environment)
+    return done.stdout + done.stderr
+
+
+def generates_our_nodes(*options: str | Path, output: Path, python_path: Path | None = None) -> bool:
+    """Whether `generateshader` writes GLSL that calls ours."""
+    output.mkdir()
+    material = library.materials_path() / "traffic_cone.mtlx"
+    run_tool("generateshader", *options, "--outputPath", output, material, python_path=python_path)
+    return any("mrm_microfacet(" in file.read_text() for file in output.iterdir())
+
+
+def test_dropped_in_generateshader_needs_no_option(dropped_in: Path, tmp_path: Path) -> None:
+    assert generates_our_nodes(output=tmp_path / "out", python_path=dropped_in)
+
+
+def test_not_dropped_in_generateshader_takes_our_folder_as_a_library(tmp_path: Path) -> None:
+    # The tool looks for sources on --path only, so that MaterialX's own folder is named too.
+    checkout, own = library.root_path(), library.own_libraries().parent
+    options = ("--path", checkout, "--path", own, "--library", library_name())
+    assert generates_our_nodes(*options, output=tmp_path / "out")
+    assert not generates_our_nodes(output=tmp_path / "without")
+
+
+def library_name() -> str:
+    return (library.root_path() / "mtlx").relative_to(library.root_path()).as_posix()
+
+
+def test_dropped_in_mxdoc_documents_every_input(dropped_in: Path) -> None:
+    definitions = dropped_in / "MaterialX" / "libraries" / "mrm" / "mtlx" / "mrm" / "mrm_defs.mtlx"
+    printed = run_tool("mxdoc", definitions, python_path=dropped_in)
+    for node in material.NODES:
+        assert f"ND_{node}" in printed
+        for name in material.inputs_of(node):
+            assert f"| **{name}** |" in printed
+
+
+def test_dropped_in_mxvalidate_finds_nothing_wrong(dropped_in: Path, tmp_path: Path) -> None:
+    """The tool exits with 0 whatever it finds: what it prints counts."""
+    for stem, name, verdict in (("right", "retroreflectivity", "a valid"), ("wrong", "retro", "not a valid")):
+        if stem == "wrong" and mx.getVersionIntegers() < (1, 39, 5):
+            continue  # which does not look
+        doc = material.document(material.NODES[0])
+        doc.getNode("bsdf").addInput(name, "float").setValue(0.5)
+        mx.writeToXmlFile(doc, str(tmp_path / f"{stem}.mtlx"))
+        printed = run_tool("mxvalidate", tmp_path / f"{stem}.mtlx", python_path=dropped_in)
+        assert f"is {verdict} MaterialX document" in printed

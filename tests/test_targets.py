@@ -22,7 +22,7 @@ TARGETS = shadergen.supported_targets()
 MODES = [(node, mode) for node in NODES for mode in ("R", "T", "RT")[: 1 if "conductor" in node else 3]]
 GLSL_FAMILY = [target for target in TARGETS if target not in ("osl", "mdl")]
 
-#: Compilers that must be here, as in continuous integration: a list of targets.
+#: Targets whose compilers must be here, as in continuous integration.
 REQUIRED = [target for target in os.environ.get("MRM_REQUIRE_COMPILERS", "").split(",") if target]
 
 
@@ -71,7 +71,6 @@ def every_configuration(node: str, mode: str) -> mx.Document:
 
 def test_the_targets_are_those_of_this_materialx() -> None:
     assert {"glsl", "essl", "vulkan", "msl", "osl", "mdl"} <= set(TARGETS)
-    assert set(REQUIRED) <= set(TARGETS)
 
 
 def test_a_target_that_a_newer_materialx_adds_is_found(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,6 +23,9 @@ from mrm_nodes.surfaces import Surface
 
 Array = NDArray[np.float64]
 Values = dict[str, Any]
+
+#: Compiling a whole surface takes seconds: by default a few stand for all; MRM_SURFACE_TESTS=all runs all.
+EVERYTHING = os.environ.get("MRM_SURFACE_TESTS") == "all"
 
 EYE = np.array([0.0, 0.0, 4.0])
 

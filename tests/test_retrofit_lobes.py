@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 import pytest
 from surface_lobes import (
+    EVERYTHING,
     base_specular,
     draw,
     only_base_specular,
@@ -21,8 +20,7 @@ from mrm_nodes.regression.compare import FLOOR, bounds_for, grazing_factor, rela
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.surfaces import Surface, known_surfaces
 
-#: Parameter sets of each surface. The default is quick; the README's figures are for 200.
-SETS = int(os.environ.get("MRM_SURFACE_SETS", "40"))
+SETS = 200 if EVERYTHING else 16
 POINTS = 96
 
 pytestmark = pytest.mark.skipif(
@@ -50,15 +48,17 @@ def test_weight_zero_is_materialx_own_surface(surface: Surface) -> None:
         values = random_values(surface.node, rng)
         points = random_points(rng, POINTS, roughness_of(values) ** 2)
         image = draw(ours, points, values | {surface.input: 0.0})[points.lit]
+        # The one departure: where MaterialX's Fresnel leaves [0, 1], ours does not.
         expected = draw(clamped, points, values)[points.lit]
         assert relative(image, expected).max() <= bound(values), values
-        # The one departure: where MaterialX's Fresnel leaves [0, 1], ours does not.
-        original = draw(own, points, values)[points.lit]
-        is_physical = (np.abs(original - expected) <= 1e-6 * np.abs(expected)).all(axis=-1)
-        assert relative(image, original)[is_physical].max(initial=0.0) <= bound(values), values
-        compared, kept = compared + len(image), kept + int(is_physical.sum())
+        compared += len(image)
+        if EVERYTHING:
+            original = draw(own, points, values)[points.lit]
+            is_physical = (np.abs(original - expected) <= 1e-6 * np.abs(expected)).all(axis=-1)
+            assert relative(image, original)[is_physical].max(initial=0.0) <= bound(values), values
+            kept += int(is_physical.sum())
     assert compared > 0.3 * SETS * POINTS
-    assert kept > 0.9 * compared
+    assert kept > 0.9 * compared or not EVERYTHING
 
 
 @by_surface
@@ -103,7 +103,8 @@ def test_lobes_that_are_not_base_specular_do_not_change(surface: Surface) -> Non
         points = random_points(rng, POINTS, roughness_of(values) ** 2)
         retro = draw(ours, points, values | {surface.input: 1.0})[points.lit]
         assert relative(retro, draw(ours, points, values | {surface.input: 0.0})[points.lit]).max() <= 1e-6
-        assert relative(retro, draw(own, points, values)[points.lit]).max() <= 1e-5
+        if EVERYTHING:
+            assert relative(retro, draw(own, points, values)[points.lit]).max() <= 1e-5
 
 
 @by_surface

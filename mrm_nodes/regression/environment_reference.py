@@ -99,7 +99,8 @@ class _MapSampler:
         u, v = _texture_coordinates(self._environment, direction)
         row = np.clip((v * self._height).astype(int), 0, self._height - 1)
         column = np.floor(u * self._width).astype(int) % self._width
-        return self._density[row, column]
+        density: Array = self._density[row, column]
+        return density
 
 
 def reflected_radiance(
@@ -133,9 +134,9 @@ def reflected_radiance(
         total = np.zeros((len(v), 3))
         for first in range(0, count, at_once):
             index = np.arange(first, min(first + at_once, count))[:, None, None]
-            drawn = np.asarray(bsdf.sample(v, (shift_3 + index * _STEPS_3) % 1.0).l)
-            # A rejected sample has no direction: any below the horizon contributes nothing.
-            drawn = np.where(np.isfinite(drawn).all(axis=-1, keepdims=True), drawn, (0.0, 0.0, -1.0))
+            sample = bsdf.sample(v, (shift_3 + index * _STEPS_3) % 1.0)
+            # A rejected sample counts for nothing, as whatever lies below the horizon.
+            drawn = np.where(np.asarray(sample.pdf)[..., None] > 0.0, sample.l, (0.0, 0.0, -1.0))
             world = np.einsum("nij,kni->knj", frame, drawn)
             from_map = sampler.draw((shift_2 + index * _STEPS_2) % 1.0)
             local = np.einsum("nij,knj->kni", frame, from_map)

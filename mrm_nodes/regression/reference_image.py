@@ -121,7 +121,7 @@ def shade(
         l = _to_frame(frame, direction)  # noqa: E741  the field's own name
         part = np.where(l[..., 2:] > 0, bsdf.eval(v, _unit(l)) * intensity * l[..., 2:], 0.0)
         total += part
-        grazing += part * grazing_factor(np.minimum(v[..., 2:], l[..., 2:]))
+        grazing += part * grazing_factor(v, l)
     scale = np.asarray(as_float32(weight))[..., None]
     return total * scale, grazing * scale
 

@@ -1,4 +1,6 @@
-"""Throughput of the evaluator, beside NumPy and, where it is installed, Mitsuba's LLVM variant on the same arrays."""
+"""Throughput of the evaluator, beside NumPy and, where it is installed, Mitsuba's LLVM variant on the same
+arrays.
+"""
 
 import time
 from collections.abc import Callable, Iterator
@@ -121,7 +123,9 @@ def mitsuba_conductor(mi: Any, v: Array, l: Array) -> Callable[[], object]:  # n
 
 
 def measure(count: int = 1 << 20, repeats: int = 7) -> list[Row]:
-    """Measure everything: `count` configurations for each question, `repeats` runs of which the best counts."""
+    """Measure everything: `count` configurations for each question, `repeats` runs of which the best
+    counts.
+    """
     rng = np.random.default_rng(0)
     v, l = _directions(rng, count), _directions(rng, count)  # noqa: E741
     u = rng.random((count, 3))

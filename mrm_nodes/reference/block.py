@@ -24,7 +24,8 @@ D, CV, CL, SINE_V, SINE_L, AREA_V, AREA_L, VISIBLE = (BLOCK * k for k in range(4
 FR, FG, FB, TR, TG, TB, OR, OG, OB = (BLOCK * k for k in range(48, 57))
 # White albedo at n.v, index of the inside, cosine on the outside of the selected normal.
 ALBEDO, INDEX, OUTER = (BLOCK * k for k in range(57, 60))
-# Whether any lane has a film, a forward share, a retro share, and whether any parameter varies: what can be skipped.
+# Whether any lane has a film, a forward share, a retro share, and whether any parameter varies: what can be
+# skipped.
 COATED, FORWARD, RETRO_SHARE, VARIES = (BLOCK * 60 + k for k in range(4))
 SIZE = BLOCK * 61
 

@@ -41,13 +41,15 @@ CHUNK = 1 << 18
 
 @lru_cache(maxsize=1)
 def _source_stamp() -> str:
-    """A digest of this package's sources.
+    """A digest of the sources that are compiled.
 
     Numba only watches the file that a kernel is written in; the formulas are in the others.
     """
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(path.read_bytes())
+        source = path.read_bytes()
+        if b"@formula" in source or b"from .compiled import formula" in source or path.name == "block.py":
+            digest.update(source)
     return digest.hexdigest()
 
 
@@ -57,12 +59,12 @@ class _StampedCache(FunctionCache):
 
 
 class Kernel:
-    """A function of (start, stop, inputs, dense, modes, outputs), compiled for one signature on its first call.
+    """A function of (start, stop, inputs, dense, modes, outputs), compiled for one signature on its first
+    call.
 
-    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because inputs are
-    typed as arrays of any stride. `dense` holds the first two inputs again, as flat arrays, where memory has them in
-    one piece; else it holds empty ones.
-    """
+    `inputs` and `outputs` are tuples of two-dimensional arrays; one signature serves every shape, because
+    inputs are typed as arrays of any stride. `dense` holds the first two inputs again, as flat arrays,
+    where memory has them in one piece; else it holds empty ones."""
 
     def __init__(self, function: Callable[..., int], inputs: int, outputs: int) -> None:
         tuple_of: Any = types.UniTuple

@@ -92,9 +92,8 @@ from .thinfilm import film_reflectance
 def place(s: Array, modes: Any) -> None:
     """Both directions as seen from v's side.
 
-    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their distribution. A
-    conductor has no inside: v stays below the surface, where nothing is lit.
-    """
+    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their
+    distribution. A conductor has no inside: v stays below the surface, where nothing is lit."""
     opaque = modes[KIND] == CONDUCTOR
     for i in range(BLOCK):
         side = 1.0 if s[VZ + i] >= 0.0 or opaque else -1.0

@@ -113,6 +113,14 @@ def test_a_thin_film_allows_an_error_of_its_fresnel_factor():
 
 
 def test_bounds_grow_with_the_grazing_part_of_the_light():
-    assert grazing_factor([1.0, 0.05, 0.005]) == pytest.approx([1.0, 1.0, 10.0])
+    def at(v, l):  # noqa: E741
+        return float(grazing_factor(*(np.array([[np.sin(t), 0.0, np.cos(t)]]) for t in (v, l)))[0, 0])
+
+    assert at(0.3, -0.9) == at(0.0, 1.5) == 1.0
+    # Both at cosine 0.01: the half angle's cosine is 0.01 for the forward lobe, or for the retro lobe.
+    grazing = np.arccos(0.01)
+    assert at(grazing, -grazing) == at(grazing, grazing) == pytest.approx(6.0)
+    # Only the light: its own cosine counts.
+    assert at(0.0, np.arccos(0.001)) == pytest.approx(5.0)
     assert bounds(0.5, reference=2.0, grazing=6.0)[0] == pytest.approx(3 * bounds(0.5)[0])
     assert bounds(0.5, reference=1e-9, grazing=1e-8)[0] == pytest.approx(bounds(0.5)[0])

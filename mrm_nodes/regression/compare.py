@@ -26,8 +26,13 @@ FRESNEL_MAX = 1e-6
 FRESNEL_P999 = 3e-7
 """The same without a film: the 82 degree tint subtracts, and an index near 1 leaves only rounding."""
 
-GRAZING = 0.05
-"""Cosine below which the rounding of unit vectors to float32 counts: the bounds grow as GRAZING / cosine."""
+HALF_ANGLE = 0.06
+"""Cosine of the half angle below which the bounds grow as HALF_ANGLE / cosine: of two nearly opposite directions the
+half vector keeps their rounding over the length of their sum."""
+
+LIGHT_COSINE = 0.005
+"""Cosine of the light below which the bounds grow as LIGHT_COSINE / cosine: the response is proportional to it, and
+it is a sum of products rounded to float32."""
 
 OTHER_DISTRIBUTIONS = 5.0
 """Beckmann and Phong are exponentials: their bounds are this many times GGX's."""
@@ -103,9 +108,18 @@ def bounds_for(
     )
 
 
-def grazing_factor(cosine: ArrayLike) -> NDArray[np.float64]:
-    """How much the bounds grow where the smaller of n.v and n.l is `cosine`."""
-    return GRAZING / np.clip(cosine, 1e-12, GRAZING)
+def grazing_factor(v: ArrayLike, l: ArrayLike) -> NDArray[np.float64]:  # noqa: E741  the field's own name
+    """How much the bounds grow for a view and a light, `(n, 3)` in the shading frame, `(n, 1)`: 1 unless grazing.
+
+    The half angle is the smaller of the forward and the retro lobe's.
+    """
+    v, l = np.asarray(v, np.float64), np.asarray(l, np.float64)  # noqa: E741
+    across = np.abs(np.sum(v[..., :2] * l[..., :2], axis=-1, keepdims=True))
+    half_cosine = np.sqrt(np.maximum(1 - across + v[..., 2:] * l[..., 2:], 0) / 2)
+    return np.maximum(
+        1.0,
+        np.maximum(HALF_ANGLE / np.maximum(half_cosine, 1e-12), LIGHT_COSINE / np.maximum(l[..., 2:], 1e-12)),
+    )
 
 
 def relative_error(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:

@@ -24,7 +24,7 @@ targets: setup
 	@sh .ci/compilers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[targets]'
 	MRM_REQUIRE_COMPILERS=glsl,essl,vulkan,wgsl,slang,msl,clients $(BIN)/python -m pytest -q -n 2 --dist loadscope \
-		tests/test_targets.py tests/test_webgl.py tests/test_materialx_renderer.py
+		tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_materialx_renderer.py
 
 clients: targets
 	@sh .ci/clients

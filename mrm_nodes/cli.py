@@ -134,12 +134,15 @@ def regress(
     "lights",
     multiple=True,
     help="camera[:r,g,b], directional:x,y,z[:r,g,b], point:x,y,z[:r,g,b] or "
-    "spot:x,y,z:dx,dy,dz[:r,g,b]; may be repeated.  [default: camera]",
+    "spot:x,y,z:dx,dy,dz[:r,g,b]; may be repeated.  [default: camera, or none with --env]",
 )
 @click.option(
     "--camera",
     help="x,y,z[:tx,ty,tz] or frame:dx,dy,dz, then :fov=, :width= or :up=.  [default: the whole mesh]",
 )
+@click.option("--env", "environment", help="Environment: sky, studio, or a latitude-longitude .hdr or .exr.")
+@click.option("--env-rotation", "rotation", type=float, help="Degrees to turn it about +y, from +z to +x.")
+@click.option("--env-samples", "samples", type=int, help="Directions for each lobe.  [default: 64]")
 @click.option("--size", default="512x512", show_default=True, metavar="WxH", help="Pixels.")
 @click.option("--element", help="Material to render, where the file has several.")
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
@@ -149,12 +152,16 @@ def render(
     mesh: str,
     lights: tuple[str, ...],
     camera: str | None,
+    environment: str | None,
+    rotation: float | None,
+    samples: int | None,
     size: str,
     element: str | None,
     backend: str,
 ) -> None:
     """Render a material on a mesh."""
     from mrm_nodes.regression.files import prepare_folder
+    from mrm_nodes.render.environment import find_environment
     from mrm_nodes.render.images import write_exr, write_png
     from mrm_nodes.render.renderer import render as render_material
     from mrm_nodes.shadergen import generate_shader
@@ -162,14 +169,20 @@ def render(
     writers = {".exr": write_exr, ".png": write_png}
     if output.suffix.lower() not in writers:
         raise MrmError(f"{output}: unknown image ending {output.suffix or '(none)'}; use .exr or .png")
+    given = {"rotation": rotation, "samples": samples}
+    options = {name: value for name, value in given.items() if value is not None}
+    if environment is None and options:
+        raise MrmError("--env-rotation and --env-samples say how --env is used; name an environment")
+    around = None if environment is None else find_environment(environment, **options)
     prepare_folder(output.parent)
     rendered = render_material(
         generate_shader(file, element=element),
         mesh=mesh,
         camera=camera,
-        lights=lights or ("camera",),
+        lights=lights or (() if around else ("camera",)),
         size=parse_size(size),
         backend=backend,
+        environment=around,
     )
     writers[output.suffix.lower()](output, rendered.image)
 
@@ -271,6 +284,31 @@ def _print_checks(file: Path, targets: list[str], element: str | None, options: 
 
 
 @cli.command()
+@click.option(
+    "--configurations",
+    type=click.IntRange(100),
+    default=50_000,
+    show_default=True,
+    help="Random configurations of each node, wherever a target can be run.",
+)
+def targets(configurations: int) -> None:
+    """Compile and run the nodes in every target, and print what did it and the worst errors."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from mrm_nodes.regression.targets import table
+
+    def number(value: float | None) -> str:
+        return "" if value is None else f"{value:.2g}"
+
+    printed = Table("target", "compiled by", "run on", "of its bound", "with film", "error, alpha >= 0.1")
+    for row in table(configurations):
+        errors = (number(value) for value in (row.used, row.used_film, row.error))
+        printed.add_row(row.target, row.compiled_by, row.run_on, *errors)
+    Console(markup=False).print(printed)
+
+
+@cli.command()
 @click.argument("folder", type=Path, metavar="DIR")
 def install(folder: Path) -> None:
     """Copy the node library, GLSL included, to DIR/mrm, where DIR is a MaterialX `libraries` folder."""
@@ -311,6 +349,42 @@ def retrofit(file: Path, output: Path, settings: tuple[str, ...]) -> None:
 
     changed = convert(file, output, dict(parse_setting(setting) for setting in settings))
     click.echo(f"{output}: {', '.join(changed) or 'nothing changed'}")
+
+
+@cli.group()
+def bench() -> None:
+    """Measure what the nodes cost."""
+
+
+@bench.command()
+@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+@click.option("--size", type=click.IntRange(16, 4096), default=256, show_default=True, help="Pixels a side.")
+@click.option("--rounds", type=click.IntRange(3, 1000), default=21, show_default=True, help="Frames of each.")
+@click.option("-o", "--output", type=Path, help="JSON file to write too.")
+def shader(backend: str, size: int, rounds: int, output: Path | None) -> None:
+    """Time the blended nodes beside MaterialX's own node (a) and its mix of two (b)."""
+    import json
+
+    from mrm_nodes import bench as shader_bench
+    from mrm_nodes.regression.files import write_text
+
+    machine = shader_bench.describe_machine(backend)
+    for what, value in machine.items():
+        click.echo(f"{what:<10} {value}")
+    click.echo(f"{'node':<28} {'light':<7} {'interface':<9} {'film':<4} {'(a) ms':>8} " + _BENCH_COLUMNS)
+    rows = []
+    for row in shader_bench.bench_shaders(backend, size, rounds, instructions=True):
+        ratios = " ".join(f"{value:>8.2f}" for value in row.ratios.values())
+        counts = " ".join(f"{row.instructions.get(name, 0):>6}" for name in ("single", "mix", "ours 0.5"))
+        film = "on" if row.film else "off"
+        place = f"{row.node:<28} {row.light:<7} {row.interface:<9} {film:<4}"
+        click.echo(f"{place} {row.milliseconds['single']:>8.2f} {ratios} {counts}")
+        rows.append(row)
+    if output is not None:
+        write_text(output, json.dumps(shader_bench.as_json(rows, machine), indent=2) + "\n")
+
+
+_BENCH_COLUMNS = "  (b)/(a)  0.5/(b)    0/(a)    1/(a)  SPIR-V instructions of (a), (b), 0.5"
 
 
 def parse_setting(text: str) -> tuple[str, float]:

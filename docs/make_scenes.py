@@ -63,7 +63,7 @@ def main() -> None:
         write_png(path, _tiled(drawn).astype(np.float32))
         # 256 colours are enough, and a third of the size.
         picture = PIL.Image.open(path).convert("RGB")
-        picture.quantize(256, dither=PIL.Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
+        picture.quantize(256, kmeans=10, dither=PIL.Image.Dither.FLOYDSTEINBERG).save(path, optimize=True)
         print(f"{path}: {time.perf_counter() - started:.0f} s", file=sys.stderr)
 
 

@@ -212,3 +212,31 @@ def test_visible_normals_are_drawn_with_their_density(distribution, masking):
             drawn = value(m)
             error = drawn.std() / math.sqrt(len(drawn))
             assert drawn.mean() == pytest.approx(over(density * value(over.normals)), abs=4.0 * error)
+
+
+@pytest.mark.parametrize("masking", ["smith", "vcavity", "implicit"])
+@pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann, ref.Phong])
+def test_diffuse_microfacets_pass_the_white_furnace(distribution, masking):
+    """Eq. 37: Lambertian facets without shadowing reflect all, the light over the whole sphere."""
+    v = direction(60.0)
+    x, w = np.polynomial.legendre.leggauss(24)
+    phi = (np.arange(32) + 0.5) * 2.0 * np.pi / 32
+    sine = np.sqrt(1.0 - x**2)
+    l = np.stack(  # noqa: E741
+        [np.outer(sine, np.cos(phi)), np.outer(sine, np.sin(phi)), np.broadcast_to(x[:, None], (24, 32))],
+        axis=-1,
+    )
+    value = ref.diffuse_microfacets(distribution(0.5, 0.3), 1.0, v, l, masking, shadowing=False)[..., 0]
+    total = (value * np.abs(l[..., 2]) * w[:, None]).sum() * 2.0 * np.pi / 32
+    if masking == "implicit":
+        assert abs(total - 1.0) > 0.1
+    else:
+        assert total == pytest.approx(1.0, abs=2e-3)
+
+
+def test_diffuse_microfacets_are_reciprocal_and_lambertian_when_smooth():
+    v, l = direction(50.0, 0.1), direction(35.0, 2.0)  # noqa: E741
+    rough = ref.Beckmann(0.6, 0.2)
+    one, other = ref.diffuse_microfacets(rough, 0.8, v, l), ref.diffuse_microfacets(rough, 0.8, l, v)
+    np.testing.assert_allclose(one, other, rtol=1e-12)
+    np.testing.assert_allclose(ref.diffuse_microfacets(ref.GGX(1e-3), 0.8, v, l), 0.8 / np.pi, rtol=5e-3)

@@ -1,7 +1,7 @@
 """The float64 evaluator: what the papers say, for arrays of any shape."""
 
 from .bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick
-from .diffuse import eon, lambert, oren_nayar
+from .diffuse import diffuse_microfacets, eon, lambert, oren_nayar
 from .distributions import GGX, Beckmann, BeckmannRational
 from .energy import average_albedo, white_albedo
 from .fresnel import fresnel_conductor, fresnel_dielectric, fresnel_schlick
@@ -26,6 +26,7 @@ __all__ = [
     "OrenNayar",
     "Phong",
     "average_albedo",
+    "diffuse_microfacets",
     "eon",
     "fresnel_conductor",
     "fresnel_dielectric",

@@ -98,7 +98,8 @@ def _linearised(terms: Array, target: Array, weight: Array) -> tuple[Array, Arra
         scale = (weight / denominator)[:, np.newaxis]
         matrix = np.concatenate([terms, -target[:, np.newaxis] * terms[:, 1:]], axis=1) * scale
         solution = np.linalg.lstsq(matrix, target * scale[:, 0], rcond=1e-10)[0]
-        numerator, below = solution[:9], np.concatenate([[1.0], solution[9:]])
+        numerator: Array = solution[:9]
+        below: Array = np.concatenate([[1.0], solution[9:]])
         value = terms @ below
         if value.min() > 1e-3:
             error = float((weight * (np.clip(terms @ numerator / value, 0.0, 1.0) - target) ** 2).sum())

@@ -78,7 +78,7 @@ def numpy_conductor(v: Array, l: Array, alpha: float) -> Array:  # noqa: E741
     d = 1.0 / (np.pi * alpha**2 * ((x**2 + y**2) / alpha**2 + z**2) ** 2)
     areas = [0.5 * (w[:, 2] + np.sqrt(w[:, 2] ** 2 + alpha**2 * (1.0 - w[:, 2] ** 2))) for w in (v, l)]
     f = fresnel_conductor(np.minimum(0.5 * length, 1.0)[:, None], IOR, EXTINCTION)
-    return f * (d / (4.0 * areas[0] * areas[1]))[:, None]
+    return np.asarray(f * (d / (4.0 * areas[0] * areas[1]))[:, None])
 
 
 def _mitsuba() -> ModuleType | None:
@@ -98,6 +98,7 @@ def mitsuba_conductor(mi: Any, v: Array, l: Array) -> Callable[[], object]:  # n
     """A call that evaluates Mitsuba's `roughconductor` on the same configurations, in float32."""
     import drjit
 
+    dr: Any = drjit
     bsdf = mi.load_dict(
         {
             "type": "roughconductor",
@@ -107,16 +108,16 @@ def mitsuba_conductor(mi: Any, v: Array, l: Array) -> Callable[[], object]:  # n
             "k": {"type": "srgb", "color": list(EXTINCTION), "unbounded": True},
         }
     )
-    si = drjit.zeros(mi.SurfaceInteraction3f, len(v))
+    si = dr.zeros(mi.SurfaceInteraction3f, len(v))
     si.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(v[:, k], np.float32)) for k in range(3)))
     wo = mi.Vector3f(*(mi.Float(np.ascontiguousarray(l[:, k], np.float32)) for k in range(3)))
-    drjit.eval(si, wo)
+    dr.eval(si, wo)
     context = mi.BSDFContext()
 
     def work() -> object:
         value = bsdf.eval(context, si, wo)
-        drjit.eval(value)
-        drjit.sync_thread()
+        dr.eval(value)
+        dr.sync_thread()
         return value
 
     return work

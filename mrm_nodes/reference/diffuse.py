@@ -1,10 +1,11 @@
-"""Diffuse reflection: Lambert, EON, and MaterialX's Oren-Nayar."""
+"""Diffuse reflection: Lambert, EON, MaterialX's Oren-Nayar, and microfacets that are diffuse themselves."""
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import check_unit, colour, directions, scalar
 from .compiled import Array
+from .distributions import Distribution
 
 # Fujii's constants in the albedo of the qualitative model (EON, eqs. 11 and 20).
 C1 = 0.5 - 2.0 / (3.0 * np.pi)
@@ -91,3 +92,43 @@ def oren_nayar(
     constant = 1.0 - 0.5 * r * r / (r * r + 0.33)
     slope = 0.45 * r * r / (r * r + 0.09)
     return np.where(lit, rho / np.pi * (constant + slope * ratio), 0.0)
+
+
+def diffuse_microfacets(
+    distribution: Distribution,
+    albedo: ArrayLike,
+    v: ArrayLike,
+    l: ArrayLike,  # noqa: E741
+    masking: str = "smith",
+    correlation: str = "height",
+    shadowing: bool = True,
+    resolution: int = 64,
+) -> Array:
+    """A microsurface whose facets are Lambertian, first bounce only, in 1/sr without the cosine: shape
+    (..., 3).
+
+    Heitz 2014, eq. 31, by quadrature over normals with `resolution`² nodes: to 1e-3 of a smooth lobe's
+    value. Without `shadowing` G2 is G1(v, m), the integrand of the weak white furnace (eq. 37), and l may
+    lie anywhere. The distribution's parameters are single numbers. `ValueError` as for `lambert`."""
+    rho = colour("albedo", albedo, 0.0, 1.0)
+    view, light = directions("v", v), directions("l", l)
+    check_unit("v", view)
+    check_unit("l", light)
+    normals, weights = distribution.quadrature(resolution)
+    shape = np.broadcast_shapes(view.shape[:-1], light.shape[:-1])
+    view, light = (np.broadcast_to(d, (*shape, 3)).reshape(-1, 3) for d in (view, light))
+    weights = weights * distribution.D(normals)
+    total = np.empty(len(view))
+    for k, (a, b) in enumerate(zip(view, light, strict=True)):
+        lit = a[2] > 0.0 and (b[2] > 0.0 or not shadowing)
+        seen = np.maximum(normals @ a, 0.0) * np.maximum(normals @ b, 0.0)
+        if not lit or not seen.any():
+            total[k] = 0.0
+            continue
+        visible = (
+            distribution.G2(a, b, normals, masking, correlation)
+            if shadowing
+            else distribution.G1(a, normals, masking)
+        )
+        total[k] = (weights * seen * visible).sum() / (np.pi * a[2] * abs(b[2]))
+    return np.asarray(total.reshape(*shape, 1) * rho)

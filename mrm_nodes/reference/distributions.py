@@ -197,6 +197,30 @@ class Distribution:
             raise ValueError(f"shapes do not broadcast: {error}") from None
         return result if components > 1 else result[..., 0]
 
+    def quadrature(self, resolution: int = 64) -> tuple[Array, Array]:
+        """Normals (n, 3) and weights (n) for integrals over the hemisphere, dense where D is; single
+        parameters only.
+
+        Gauss-Legendre in the stretched slope's length over 1 + length, equal steps in its azimuth.
+        """
+        ax, ay, rxy, mean_x, mean_y = (
+            float(value)
+            for value in (*self._alpha.reshape(2), self._rxy.item(), *np.broadcast_to(self._mean, 2))
+        )
+        t, w = np.polynomial.legendre.leggauss(resolution)
+        t, w = 0.5 * (t + 1.0), 0.5 * w
+        length = t / (1.0 - t)
+        azimuth = (np.arange(2 * resolution) + 0.5) * np.pi / resolution
+        x, y = np.outer(length, np.cos(azimuth)), np.outer(length, np.sin(azimuth))
+        root = math.sqrt(1.0 - rxy * rxy)
+        slopes = ax * x + mean_x, ay * (rxy * x + root * y) + mean_y
+        normals = np.stack([-slopes[0], -slopes[1], np.ones_like(x)], axis=-1).reshape(-1, 3)
+        size = np.linalg.norm(normals, axis=-1)
+        weights = np.repeat(w * length / (1.0 - t) ** 2, 2 * resolution) * (
+            ax * ay * root * np.pi / resolution
+        )
+        return normals / size[:, np.newaxis], weights / size**3
+
     def D(self, m: ArrayLike) -> Array:
         """Density of normals per steradian and unit of geometric area: ∫ D(m) (m.n) dm = 1. Shape (...)."""
         return self._ask(_D, m=m)

@@ -111,8 +111,8 @@ def _parameters() -> list[tuple[str, dict[str, Any]]]:
             )
         )
     for scheme in ("materialx-1.39.5", "materialx-1.39.6", "turquin", "kulla-conty"):
-        metal = {"ior": 0.2, "extinction": 3.9, "alpha": [0.7, 0.7], "retroreflectivity": 0.5}
-        cases.append(("Conductor", metal | {"energy_compensation": scheme}))
+        rough = {"ior": 0.2, "extinction": 3.9, "alpha": [0.7, 0.7], "retroreflectivity": 0.5}
+        cases.append(("Conductor", rough | {"energy_compensation": scheme}))
     cases.append(("Dielectric", {"ior": 1.0, "alpha": [0.3, 0.3], "scatter_mode": "RT"}))
     cases.append(
         ("Dielectric", {"ior": 1.5, "alpha": [0.3, 0.3], "thinfilm_thickness": 350.0, "thinfilm_ior": 1.8})

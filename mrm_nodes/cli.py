@@ -276,10 +276,8 @@ def _print_checks(file: Path, targets: list[str], element: str | None, options: 
     checks = [check_material(file, target, element, **options) for target in targets]
     table = Table("target", "result", "compiler", "complaints")
     for check in checks:
-        table.add_row(
-            check.target, check.status, check.compiler, "\n".join(check.complaints), end_section=True
-        )
-    Console(markup=False).print(table)
+        table.add_row(check.target, check.status, check.compiler, "\n".join(check.complaints))
+    Console(markup=False, width=140).print(table)
     return FAILED if any(check.is_fault for check in checks) else 0
 
 
@@ -305,7 +303,7 @@ def targets(configurations: int) -> None:
     for row in table(configurations):
         errors = (number(value) for value in (row.used, row.used_film, row.error))
         printed.add_row(row.target, row.compiled_by, row.run_on, *errors)
-    Console(markup=False).print(printed)
+    Console(markup=False, width=140).print(printed)
 
 
 @cli.command()

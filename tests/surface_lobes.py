@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 import mrm_nodes
 from mrm_nodes import library
 from mrm_nodes import reference as ref
+from mrm_nodes.render.environment import Environment
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.render.scene import DirectionalLight
 from mrm_nodes.shadergen import Shader
@@ -26,6 +27,9 @@ Values = dict[str, Any]
 
 #: Compiling a whole surface takes seconds: by default a few stand for all; MRM_SURFACE_TESTS=all runs all.
 EVERYTHING = os.environ.get("MRM_SURFACE_TESTS") == "all"
+
+#: Nothing comes from around; one sample, because MaterialX 1.39.3 divides by their number.
+BLACK = Environment(np.zeros((2, 4, 3), np.float32), samples=1)
 
 EYE = np.array([0.0, 0.0, 4.0])
 
@@ -148,7 +152,7 @@ def draw(shader: Shader, points: Points, values: Mapping[str, Any]) -> Array:
     }
     declared = {name for name in points.attributes if f"i_{name}" in shader.vertex} | {"position"}
     attributes = {name: points.attributes[name] for name in points.attributes if name in declared}
-    drawn = shared_renderer().draw_points(shader, attributes, EYE, [points.light], uniforms)
+    drawn = shared_renderer().draw_points(shader, attributes, EYE, [points.light], uniforms, BLACK)
     return drawn["image"].astype(np.float64)
 
 

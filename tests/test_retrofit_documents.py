@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
+import MaterialX as mx
 import pytest
 from click.testing import CliRunner
 
@@ -118,6 +119,7 @@ def test_a_weight_that_a_newer_document_has_is_kept_and_can_be_set() -> None:
     assert '"specular_retroreflectivity" type="float" value="0.5" />' in replaced
 
 
+@pytest.mark.skipif(mx.getVersionIntegers() < (1, 39, 5), reason="this MaterialX has no retroreflective")
 def test_the_boolean_becomes_weight_one(tmp_path: Path) -> None:
     source, target = tmp_path / "in.mtlx", tmp_path / "out.mtlx"
     source.write_text(BOOLEANS)
@@ -189,7 +191,11 @@ BAD_WEIGHTS = {
         {"retroreflectivness": 0.5},
         "unknown input retroreflectivness; one that can be set is",
     ),
-    "unused": (BOOLEANS, {"retroreflection": 0.5}, "no surface in it has an input retroreflection"),
+    "unused": (
+        CONE.replace("gltf_pbr", "standard_surface"),
+        {"retroreflection": 0.5},
+        "no surface in it has an input retroreflection",
+    ),
 }
 
 

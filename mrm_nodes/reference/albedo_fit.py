@@ -10,6 +10,8 @@ below from the evaluator's quadrature, as close to E as the form allows but not 
 compensation makes less than 1e-3 of energy. `python -m mrm_nodes.reference.albedo_fit` makes them again, to
 3e-3 in E: the optimum is flat."""
 
+from typing import Any
+
 import numpy as np
 
 from .compiled import Array
@@ -93,13 +95,13 @@ def _linearised(terms: Array, target: Array, weight: Array) -> tuple[Array, Arra
     Koerner).
     """
     denominator = np.ones(len(target))
-    best: tuple[float, Array, Array] | None = None
+    best: tuple[float, Any, Any] | None = None
     for _ in range(30):
         scale = (weight / denominator)[:, np.newaxis]
         matrix = np.concatenate([terms, -target[:, np.newaxis] * terms[:, 1:]], axis=1) * scale
         solution = np.linalg.lstsq(matrix, target * scale[:, 0], rcond=1e-10)[0]
-        numerator: Array = solution[:9]
-        below: Array = np.concatenate([[1.0], solution[9:]])
+        numerator = solution[:9]
+        below = np.concatenate([np.ones(1), np.asarray(solution[9:], np.float64)])
         value = terms @ below
         if value.min() > 1e-3:
             error = float((weight * (np.clip(terms @ numerator / value, 0.0, 1.0) - target) ** 2).sum())

@@ -9,7 +9,7 @@ from pathlib import Path
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 import numpy as np
 import pytest
-from surface_lobes import EVERYTHING
+from surface_lobes import BLACK, EVERYTHING
 
 import mrm_nodes
 from mrm_nodes.errors import MrmError
@@ -64,7 +64,7 @@ def test_a_material_renders_as_before_until_it_is_given_a_weight(material: Path,
 
 def drawn(source: Path, mesh: str = "sphere", camera: str | None = None) -> RenderedImage:
     shader = mrm_nodes.generate_shader(source, max_lights=1, interface="reduced")
-    return render(shader, mesh, camera, [CameraLight()], (48, 48))
+    return render(shader, mesh, camera, [CameraLight()], (48, 48), environment=BLACK)
 
 
 DRIVEN = list(known_surfaces().values()) if EVERYTHING else [known_surfaces()["gltf_pbr"]]

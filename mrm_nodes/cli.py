@@ -194,9 +194,10 @@ def render(
 @click.option("--element", help="Material to generate, where the file has several.")
 @click.option(
     "--environment",
+    type=click.Choice(["fis", "prefilter", "none"]),
     default="fis",
     show_default=True,
-    help="Method of environment light: fis, prefilter or none.",
+    help="Method of environment light.",
 )
 @click.option(
     "--libraries", type=Path, help="MaterialX `libraries` folder, in place of the installed MaterialX's."

@@ -131,8 +131,8 @@ def _key(libraries: str | os.PathLike[str] | None) -> Path | None:
 @functools.cache
 def _library(surfaces: bool, libraries: Path | None, environment: Environment = "any") -> mx.Document:
     library = mx.createDocument()
-    path = mx.getDefaultDataSearchPath() if libraries is None else _search_path_above(libraries)
     folder = _root_for(replace(host(libraries), environment=environment)) / "mtlx" / "mrm"
+    path = mx.getDefaultDataSearchPath() if libraries is None else _search_path_above(libraries)
     mx.loadLibraries(["libraries"], path, library)
     _add_nodes(library, folder)
     if surfaces:

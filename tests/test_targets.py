@@ -14,7 +14,7 @@ from typing import Any
 import MaterialX as mx
 import pytest
 
-from mrm_nodes import compilers, library, limits, shadergen
+from mrm_nodes import cli, compilers, library, limits, shadergen
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.material import NODES, document, inputs_of
 
@@ -380,3 +380,86 @@ def test_a_node_without_an_implementation_for_the_target_is_named() -> None:
 def test_a_target_that_does_not_exist_is_answered_with_those_that_do() -> None:
     with pytest.raises(MrmError, match=r"unknown target vulkn; did you mean vulkan\?"):
         shadergen.generator_target("vulkn")
+
+
+# ---- the command line
+
+
+@pytest.fixture
+def command(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
+    """Run `mrm-nodes generate` on a retroreflective material: exit status, stdout, stderr."""
+    material = tmp_path / "material.mtlx"
+    doc = document(NODES[0])
+    doc.getNode("bsdf").setInputValue("retroreflectivity", 0.5)
+    mx.writeToXmlFile(doc, str(material))
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["generate", str(material), *arguments])
+        printed = capsys.readouterr()
+        return ended.value.code, printed.out, printed.err
+
+    return run
+
+
+def test_strict_stops_at_what_the_target_ignores_and_writes_nothing(command: Any, tmp_path: Path) -> None:
+    status, out, err = command("--target", "osl", "-o", str(tmp_path / "out"), "--strict")
+    assert status == 2
+    assert "bsdf/retroreflectivity is ignored by genosl: it renders the forward lobe only" in err
+    assert err.count("\n") == 1
+    assert not out
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_strict_it_is_a_warning(command: Any, tmp_path: Path) -> None:
+    status, out, err = command("--target", "osl", "-o", str(tmp_path / "out"))
+    assert status == 0
+    assert "warning: " in err
+    assert "forward lobe only" in err
+    assert Path(out.strip()).is_file()
+
+
+def test_strict_lets_pass_what_nothing_ignores(command: Any, tmp_path: Path) -> None:
+    assert command("--target", "essl", "-o", str(tmp_path / "out"), "--strict")[0] == 0
+
+
+def test_check_prints_a_row_for_every_target(command: Any) -> None:
+    status, out, _ = command("--check")
+    assert status == 0
+    rows = [line.split("│")[1:3] for line in out.splitlines() if line.startswith("│")]
+    assert [target.strip() for target, _ in rows] == TARGETS
+    assert {result.strip() for _, result in rows} <= {"compiled", "generated", "unchecked", "upstream"}
+
+
+def test_check_of_a_shader_that_does_not_compile_is_exit_status_1(
+    command: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = replace(
+        compilers.COMPILERS["essl"],
+        is_installed=lambda: True,
+        complaints=lambda shader: ["ERROR: no"] if "mrm_microfacet" in shader.pixel else [],
+    )
+    monkeypatch.setitem(compilers.COMPILERS, "essl", broken)
+    status, out, _ = command("--target", "essl", "--check")
+    assert status == 1
+    assert "failed" in out
+    assert "ERROR: no" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--target", "glls", "--check"], "unknown target glls; did you mean glsl"),
+        (["-o", "out"], "name a target with --target"),
+        (["--target", "glsl"], "name a folder for the shader's files with -o, or say --check"),
+        (["--check", "--libraries", "nowhere"], "nowhere: no such folder"),
+        (["--check", "--environment", "sky"], "'sky' is not one of 'fis', 'prefilter', 'none'"),
+    ],
+)
+def test_a_wrong_request_is_exit_status_2_and_one_line(
+    command: Any, arguments: list[str], message: str
+) -> None:
+    status, _, err = command(*arguments)
+    assert status == 2
+    assert message in err
+    assert "Traceback" not in err

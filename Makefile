@@ -11,20 +11,23 @@ BACKEND ?= all
 REPORT ?= report
 BIN := .venv/bin
 
+# They need compilers, a browser or an X server, which only `make targets` sets up.
+TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_materialx_renderer.py
+
 .PHONY: regress test lint setup clean targets clients
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND)
 
 test: setup
-	$(BIN)/python -m pytest -q -n 2 --dist loadscope
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%)
 
 # Here a compiler that is missing is a failure, where `make test` skips its tests.
 targets: setup
 	@sh .ci/compilers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[targets]'
 	MRM_REQUIRE_COMPILERS=glsl,essl,vulkan,wgsl,slang,msl,clients $(BIN)/python -m pytest -q -n 2 --dist loadscope \
-		tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_materialx_renderer.py
+		$(TARGET_TESTS)
 
 clients: targets
 	@sh .ci/clients

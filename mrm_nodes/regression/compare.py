@@ -116,10 +116,10 @@ def grazing_factor(v: ArrayLike, l: ArrayLike) -> NDArray[np.float64]:  # noqa: 
     v, l = np.asarray(v, np.float64), np.asarray(l, np.float64)  # noqa: E741
     across = np.abs(np.sum(v[..., :2] * l[..., :2], axis=-1, keepdims=True))
     half_cosine = np.sqrt(np.maximum(1 - across + v[..., 2:] * l[..., 2:], 0) / 2)
-    return np.maximum(
-        1.0,
-        np.maximum(HALF_ANGLE / np.maximum(half_cosine, 1e-12), LIGHT_COSINE / np.maximum(l[..., 2:], 1e-12)),
+    growth: NDArray[np.float64] = np.maximum(
+        HALF_ANGLE / np.maximum(half_cosine, 1e-12), LIGHT_COSINE / np.maximum(l[..., 2:], 1e-12)
     )
+    return np.maximum(growth, 1.0)
 
 
 def relative_error(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:

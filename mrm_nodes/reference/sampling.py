@@ -91,6 +91,8 @@ def sample_normal(
 ) -> tuple[float, float, float]:
     """A normal with density D(m) n.m, unnormalised."""
     phi = 2.0 * math.pi * u0
+    # At u1 = 1 the slope would be infinite.
+    u1 = min(u1, 1.0 - 2.0**-53)
     if distribution == PHONG:
         # Ashikhmin and Shirley: the azimuth by stretching a circle, then cos^(e + 2) uniform.
         cx = ax * math.cos(phi)
@@ -100,7 +102,7 @@ def sample_normal(
         cy /= scale
         power = 2.0 * (cx * cx / (ax * ax) + cy * cy / (ay * ay))
         # tan² θ = u^(-2/power) - 1, without cancelling when the lobe is narrow.
-        tangent = math.sqrt(math.expm1(-2.0 / power * math.log(max(1.0 - u1, 1e-300))))
+        tangent = math.sqrt(math.expm1(-2.0 / power * math.log(1.0 - u1)))
         return cx * tangent, cy * tangent, 1.0
     radius = math.sqrt(u1 / (1.0 - u1)) if distribution == GGX else math.sqrt(-math.log1p(-u1))
     return *stretch(radius * math.cos(phi), radius * math.sin(phi), ax, ay, correlation), 1.0

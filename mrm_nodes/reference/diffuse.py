@@ -118,17 +118,21 @@ def diffuse_microfacets(
     shape = np.broadcast_shapes(view.shape[:-1], light.shape[:-1])
     view, light = (np.broadcast_to(d, (*shape, 3)).reshape(-1, 3) for d in (view, light))
     weights = weights * distribution.D(normals)
-    total = np.empty(len(view))
+    total = np.zeros(len(view))
+    last: tuple[Array, Array] | None = None
     for k, (a, b) in enumerate(zip(view, light, strict=True)):
-        lit = a[2] > 0.0 and (b[2] > 0.0 or not shadowing)
-        seen = np.maximum(normals @ a, 0.0) * np.maximum(normals @ b, 0.0)
-        if not lit or not seen.any():
-            total[k] = 0.0
+        if a[2] <= 0.0 or (b[2] <= 0.0 and shadowing):
             continue
-        visible = (
-            distribution.G2(a, b, normals, masking, correlation)
-            if shadowing
-            else distribution.G1(a, normals, masking)
-        )
+        seen = np.maximum(normals @ a, 0.0) * np.maximum(normals @ b, 0.0)
+        if not seen.any():
+            continue
+        if shadowing:
+            visible = distribution.G2(a, b, normals, masking, correlation)
+        elif last is not None and np.array_equal(last[0], a):
+            # Masking alone knows nothing of l.
+            visible = last[1]
+        else:
+            visible = distribution.G1(a, normals, masking)
+        last = a, visible
         total[k] = (weights * seen * visible).sum() / (np.pi * a[2] * abs(b[2]))
     return np.asarray(total.reshape(*shape, 1) * rho)

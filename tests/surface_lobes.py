@@ -35,6 +35,7 @@ EYE = np.array([0.0, 0.0, 4.0])
 
 #: Ranges of the inputs that are not shares from 0 to 1, by a part of the input's name.
 _RANGES = {
+    "roughness": (0.03, 1.0),  # alpha from 0.001: below, versions clamp differently
     "ior": (1.1, 2.2),
     "abbe": (20.0, 60.0),
     "thin_film_thickness": (0.05, 1.0),

@@ -1,5 +1,8 @@
-"""Tables of directional albedo, which forward and retro lobes share (001 eq. 18), and what is built on
-them.
+"""Tables of directional albedo, which forward and retro lobes share (001 eq. 18), and what is built on them.
+
+The tables are those of isotropic lobes. An anisotropic one is looked up at the geometric mean of its two alphas, as in
+MaterialX: a compensated white albedo is then no longer 1 but from 0.92 to 1.04 for alpha (0.5, 0.25), and from 0.65 for
+(0.9, 0.1).
 """
 
 from functools import lru_cache

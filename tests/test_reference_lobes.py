@@ -103,8 +103,7 @@ def test_a_factor_of_the_view_alone_breaks_reciprocity():
 
 
 def test_shifted_slopes_are_reciprocal_forward_but_not_turned():
-    """f |l.n| times the mesosurface's cosine of v is symmetric; with v' for v nothing is (001 Section 3.1).
-    """
+    """f |l.n| times the mesosurface's cosine of v is symmetric; with v' for v nothing is (001 Section 3.1)."""
     rng = np.random.default_rng(4)
     mean = np.array([0.2, -0.1])
     lobe = ref.GeneralizedSchlick(0.8, alpha=0.4, mean_slope=mean)

@@ -80,8 +80,7 @@ def visible_total(distribution, shape, theta, masking):
 @pytest.mark.parametrize("masking", ["smith", "vcavity"])
 @pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann, ref.Phong])
 def test_white_furnace(distribution, masking, shape, theta):
-    """Visible normals integrate to 1: eq. 18, and with h for m eq. 36 with the light over the whole sphere.
-    """
+    """Visible normals integrate to 1: eq. 18, and with h for m eq. 36 with the light over the whole sphere."""
     assert visible_total(distribution, shape, theta, masking) == pytest.approx(1.0, abs=1e-6)
 
 

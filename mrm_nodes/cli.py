@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import warnings
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -352,7 +354,7 @@ def retrofit(file: Path, output: Path, settings: tuple[str, ...]) -> None:
 
 @cli.group()
 def bench() -> None:
-    """Measure what the nodes cost."""
+    """Measure what the nodes and the evaluator cost."""
 
 
 @bench.command()
@@ -381,6 +383,60 @@ def shader(backend: str, size: int, rounds: int, output: Path | None) -> None:
         rows.append(row)
     if output is not None:
         write_text(output, json.dumps(shader_bench.as_json(rows, machine), indent=2) + "\n")
+
+
+@bench.command()
+@click.option(
+    "--count", type=click.IntRange(1), default=1 << 20, show_default=True, help="Evaluations a call."
+)
+@click.option("--growth", is_flag=True, help="Also time a conductor from 10^5 to 10^8 evaluations.")
+def reference(count: int, growth: bool) -> None:
+    """Time the evaluator beside NumPy and, where it is installed, Mitsuba's LLVM variant."""
+    from mrm_nodes.reference import bench as evaluator_bench
+
+    rows = evaluator_bench.measure(count)
+    if growth:
+        rows += evaluator_bench.growth()
+    click.echo(f"{'subject':<28} {'question':<8} {'lobe':<16} {'cores':>5} {'count':>10} {'million/s':>10}")
+    for row in rows:
+        place = f"{row.subject:<28} {row.question:<8} {row.lobe:<16} {row.cores:>5} {row.count:>10}"
+        click.echo(f"{place} {row.rate / 1e6:>10.2f}")
+
+
+@cli.command()
+@click.option("-o", "--output", "folder", type=Path, default=Path("figures"), show_default=True)
+def figures(folder: Path) -> None:
+    """Draw the papers' figures from the evaluator: PNG, SVG, and the numbers as CSV."""
+    from mrm_nodes.reference.figures import write_figures
+
+    with _writing(folder):
+        _say_written(write_figures(folder))
+
+
+@cli.command()
+@click.option("-o", "--output", "path", type=Path, default=Path("vectors.json"), show_default=True)
+def vectors(path: Path) -> None:
+    """Write test vectors for other renderers, their schema, and a page that shows how to use them."""
+    from mrm_nodes.reference.vectors import write_vectors
+
+    with _writing(path):
+        _say_written(write_vectors(path))
+
+
+@contextlib.contextmanager
+def _writing(place: Path) -> Iterator[None]:
+    """Turn what can go wrong with a folder, or with a package that is not installed, into one line."""
+    try:
+        yield
+    except ImportError as error:
+        raise MrmError(str(error)) from None
+    except OSError as error:
+        raise MrmError(f"{place}: cannot be written: {error.strerror}; choose another with -o") from None
+
+
+def _say_written(files: Sequence[Path]) -> None:
+    for file in files:
+        click.echo(file)
 
 
 _BENCH_COLUMNS = "  (b)/(a)  0.5/(b)    0/(a)    1/(a)  SPIR-V instructions of (a), (b), 0.5"

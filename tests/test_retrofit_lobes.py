@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import MaterialX as mx
 import numpy as np
 import pytest
 from surface_lobes import (
@@ -111,6 +112,8 @@ def test_lobes_that_are_not_base_specular_do_not_change(surface: Surface) -> Non
 def test_the_weight_blends_linearly_under_every_other_lobe(surface: Surface) -> None:
     rng = np.random.default_rng(13)
     ours = shader_of(surface.name)
+    # The OpenPBR graph of earlier releases showed 3e-5.
+    bound = 2e-6 if mx.getVersionIntegers() >= (1, 39, 5) else 1e-4
     for _ in range(12):
         values = random_values(surface.node, rng, anisotropic=True)
         points = random_points(rng, POINTS, roughness_of(values) ** 2)
@@ -119,4 +122,4 @@ def test_the_weight_blends_linearly_under_every_other_lobe(surface: Surface) -> 
             draw(ours, points, values | {surface.input: w})[points.lit] for w in (0.0, 1.0, weight)
         )
         size = np.maximum(np.abs(forward) + np.abs(retro), FLOOR)
-        assert (np.abs(blend - forward - weight * (retro - forward)) / size).max() <= 1e-4
+        assert (np.abs(blend - forward - weight * (retro - forward)) / size).max() <= bound

@@ -11,9 +11,9 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.compare import Figures
+from mrm_nodes.regression.outcome import outcome_of
 from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, write_pictures
 from mrm_nodes.regression.report import figure, share, write_report
-from mrm_nodes.regression.worker import outcome_of
 from mrm_nodes.render.images import read_image
 
 ENVIRONMENT = {

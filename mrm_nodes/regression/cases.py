@@ -74,9 +74,26 @@ class Case:
     target: str = "glsl"
 
     @property
+    def kind(self) -> str:
+        """Images are judged as such."""
+        return "image"
+
+    @property
     def structure(self) -> tuple[Any, ...]:
         """What makes this case's shader another one."""
         return (self.target, self.node, tuple(sorted(self.patterns.items())), self.base is not None)
+
+    def describe(self) -> dict[str, Any]:
+        """What it is, for the report."""
+        return {
+            "inputs": dict(self.inputs),
+            "patterns": dict(self.patterns),
+            "base": self.base,
+            "mesh": self.mesh,
+            "camera": repr(self.camera),
+            "lights": [repr(light) for light in self.lights],
+            "size": list(self.size),
+        }
 
 
 def default_suite() -> list[Case]:

@@ -11,6 +11,7 @@ import time
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,9 @@ from numpy.typing import NDArray
 
 from mrm_nodes.regression import material
 from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, bounds_for, compare, relative_error
+from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.reference_image import evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.scene import Camera, DirectionalLight
 
 Array = NDArray[np.float64]
@@ -47,6 +50,16 @@ class Cloud:
     seed: int = 0
 
     @property
+    def kind(self) -> str:
+        """Clouds are judged as such."""
+        return "cloud"
+
+    @property
+    def target(self) -> str:
+        """Other targets have clouds too; see `targets`."""
+        return "glsl"
+
+    @property
     def structure(self) -> tuple[str, str]:
         """Clouds whose structure is equal share one shader."""
         return ("cloud", self.node)
@@ -56,6 +69,15 @@ class Cloud:
         return (
             f"cloud-{self.node.removeprefix('mrm_').removesuffix('_bsdf')}-{self.distribution}-{self.masking}"
         )
+
+    def describe(self) -> dict[str, Any]:
+        """What it is, for the report."""
+        return {
+            "distribution": self.distribution,
+            "masking": self.masking,
+            "configurations": self.configurations,
+            "seed": self.seed,
+        }
 
 
 @dataclass(frozen=True)
@@ -296,3 +318,18 @@ def _perpendicular(wanted: Array, axis: Array, rng: np.random.Generator) -> Arra
     chosen = chosen - np.sum(chosen * axis, -1, keepdims=True) * axis
     unit: Array = chosen / np.linalg.norm(chosen, axis=-1, keepdims=True)
     return unit
+
+
+def judge(cloud: Cloud, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
+    """Run a cloud and complete its outcome; a cloud has no files."""
+    attributes = attributes_of(cloud.node)
+    with timed(outcome, "generate"):
+        shader = workshop.shader(
+            cloud.structure, lambda: material.document(cloud.node, attributes=attributes)
+        )
+    start = time.perf_counter()
+    result = run_cloud(cloud, workshop.renderer, shader)
+    outcome.seconds["reference"] += time.perf_counter() - start - result.render_seconds
+    outcome.seconds["render"] += result.render_seconds
+    outcome.verdict, outcome.figures, outcome.tolerance = result.verdict, result.figures, result.bounds
+    outcome.details = {"decades": result.decades, "worst": result.worst, "counts": result.counts}

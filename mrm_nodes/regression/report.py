@@ -13,8 +13,8 @@ import jinja2
 from mrm_nodes.regression.cloud import DECADES
 from mrm_nodes.regression.compare import FLOOR, VERDICTS
 from mrm_nodes.regression.files import write_text
+from mrm_nodes.regression.outcome import STAGES, Outcome
 from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
-from mrm_nodes.regression.worker import STAGES, Outcome
 
 TEMPLATES = Path(__file__).with_name("templates")
 

@@ -19,8 +19,9 @@ from typing import Any
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.files import prepare_folder
+from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.report import write_report
-from mrm_nodes.regression.worker import Outcome, Task, Worker, outcome_of
+from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render.context import BackendReport, probe_backends
 
 REQUIRE_VARIABLE = "MRM_REQUIRE_BACKENDS"

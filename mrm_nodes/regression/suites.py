@@ -10,7 +10,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
-from mrm_nodes.regression.worker import Task
+from mrm_nodes.regression.outcome import Task
 
 CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("phong", "vcavity"))
 CONFIGURATIONS = 1_000_000

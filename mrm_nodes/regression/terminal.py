@@ -11,8 +11,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from mrm_nodes.regression.outcome import Outcome
 from mrm_nodes.regression.report import figure, share
-from mrm_nodes.regression.worker import Outcome
 
 COLORS = {"pass": "green", "fail": "bold red", "error": "magenta", "undecided": "yellow", "skipped": "dim"}
 

@@ -1,0 +1,81 @@
+"""What became of one task: the record that everything after a run is made from."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from mrm_nodes.regression.compare import Figures, Verdict
+
+STAGES = ("generate", "compile", "render", "reference", "compare")
+
+
+class Task(Protocol):
+    """What a run consists of: an image or a cloud to render, compare and report. Picklable, and only data."""
+
+    @property
+    def name(self) -> str:
+        """Its own in a suite."""
+
+    @property
+    def node(self) -> str:
+        """What is proven: the report filters by it."""
+
+    @property
+    def kind(self) -> str:
+        """Who judges it: a key of `worker.JUDGES`."""
+
+    @property
+    def target(self) -> str:
+        """The target whose shader is run."""
+
+    @property
+    def structure(self) -> Any:
+        """Tasks whose structure is equal share their shaders."""
+
+    def describe(self) -> dict[str, Any]:
+        """What it is, for the report: words and numbers, fit for JSON."""
+
+
+@dataclass
+class Outcome:
+    """What became of one task on one backend: a line of the report."""
+
+    name: str
+    node: str
+    backend: str
+    verdict: Verdict
+    kind: str = "image"
+    """`image` or `cloud`."""
+    target: str = "glsl"
+    message: str = ""
+    """Why, where the verdict is error or skipped."""
+    figures: Figures | None = None
+    tolerance: Mapping[str, float] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+    files: Mapping[str, Any] = field(default_factory=dict)
+    """File names, relative to the report's folder, and the pictures' exposure."""
+    setup: Mapping[str, Any] = field(default_factory=dict)
+    """What the task was, in words and numbers."""
+    details: Mapping[str, Any] = field(default_factory=dict)
+    """A cloud's figures by decade, its worst configuration, its counts."""
+
+
+def outcome_of(task: Task, backend: str, verdict: Verdict, **others: Any) -> Outcome:
+    """An outcome that says which task it belongs to."""
+    return Outcome(
+        task.name, task.node, backend, verdict, task.kind, task.target, setup=task.describe(), **others
+    )
+
+
+@contextmanager
+def timed(outcome: Outcome, stage: str) -> Iterator[None]:
+    """Add the time that the block takes to a stage of the outcome."""
+    start = time.perf_counter()
+    try:
+        yield
+    finally:
+        outcome.seconds[stage] += time.perf_counter() - start

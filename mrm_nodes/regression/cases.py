@@ -6,7 +6,8 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 from mrm_nodes.regression.material import NODES, Value
 from mrm_nodes.render.scene import (
@@ -94,6 +95,14 @@ class Case:
             "lights": [repr(light) for light in self.lights],
             "size": list(self.size),
         }
+
+    def files(self) -> tuple[Path, ...]:
+        """None of the user's."""
+        return ()
+
+    def moved(self, root: Path) -> Self:
+        """Itself: it has no files."""
+        return self
 
 
 def default_suite() -> list[Case]:

@@ -12,7 +12,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,6 +78,14 @@ class Cloud:
             "configurations": self.configurations,
             "seed": self.seed,
         }
+
+    def files(self) -> tuple[Path, ...]:
+        """None of the user's."""
+        return ()
+
+    def moved(self, root: Path) -> Self:
+        """Itself: it has no files."""
+        return self
 
 
 @dataclass(frozen=True)

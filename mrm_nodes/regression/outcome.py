@@ -6,7 +6,8 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from pathlib import Path
+from typing import Any, Protocol, Self
 
 from mrm_nodes.regression.compare import Figures, Verdict
 
@@ -39,6 +40,12 @@ class Task(Protocol):
     def describe(self) -> dict[str, Any]:
         """What it is, for the report: words and numbers, fit for JSON."""
 
+    def files(self) -> tuple[Path, ...]:
+        """The user's files that its result depends on: material, includes, textures, mesh, environment."""
+
+    def moved(self, root: Path) -> Self:
+        """The same task with its files below another folder."""
+
 
 @dataclass
 class Outcome:
@@ -49,10 +56,12 @@ class Outcome:
     backend: str
     verdict: Verdict
     kind: str = "image"
-    """`image` or `cloud`."""
+    """The task's: `image`, `cloud` or `material`."""
     target: str = "glsl"
     message: str = ""
-    """Why, where the verdict is error or skipped."""
+    """Why, where the verdict is error, skipped or undecided."""
+    truth: str = "physics"
+    """What it was compared with: `physics` (the evaluator) or `baseline` (a stored image)."""
     figures: Figures | None = None
     tolerance: Mapping[str, float] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))

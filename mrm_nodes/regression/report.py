@@ -32,6 +32,7 @@ def as_record(outcome: Outcome) -> dict[str, Any]:
         "node": outcome.node,
         "target": outcome.target,
         "backend": outcome.backend,
+        "truth": outcome.truth,
         "verdict": outcome.verdict,
         "passed": outcome.verdict == "pass",
         **figures,

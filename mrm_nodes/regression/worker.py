@@ -40,9 +40,7 @@ class Worker:
         try:
             JUDGES[task.kind](task, self._workshop, outcome, folder)
         except MrmError as error:
-            outcome.message = str(error)
+            outcome.verdict, outcome.message = "error", str(error)
         except Exception as error:  # one broken case must not cost the others
-            outcome.message = f"{type(error).__name__}: {error}"
-        if outcome.message:
-            outcome.verdict = "error"
+            outcome.verdict, outcome.message = "error", f"{type(error).__name__}: {error}"
         return outcome

@@ -56,12 +56,21 @@ def shader_of(node: str) -> Shader:
     return mrm_nodes.generate_shader(document, max_lights=1)
 
 
-def with_clamped_fresnel(shader: Shader) -> Shader:
-    """MaterialX's shader with its Fresnel factor held to [0, 1], as our nodes do: the README says why."""
-    pattern = r"(vec3\s+F = )(mx_compute_fresnel\((?:VdotH|NdotV), fd\));"
-    pixel, count = re.subn(pattern, r"\1clamp(\2, 0.0, 1.0);", shader.pixel)
-    assert count >= 4
-    return replace(shader, name=f"{shader.name}_clamped", pixel=pixel)
+def with_our_fresnel(shader: Shader) -> Shader:
+    """The shader with two of the README's departures in MaterialX's own lobes too, so that nothing else differs.
+
+    Their Fresnel factor is held to [0, 1], and the half angle's cosine is half the length of L + V where that is short.
+    """
+    half_length = "0.5 * length(L + V)"
+    pixel, cosines = re.subn(
+        r"(float VdotH = clamp\()dot\(V, H\)(, M_FLOAT_EPS, 1\.0\);(?=[^}]*vec3\s+F = ))",
+        rf"\g<1>{half_length} < 0.1 ? {half_length} : dot(V, H)\g<2>",
+        shader.pixel,
+    )
+    factors = r"(vec3\s+F = )(mx_compute_fresnel\((?:VdotH|NdotV), fd\));"
+    pixel, clamps = re.subn(factors, r"\1clamp(\2, 0.0, 1.0);", pixel)
+    assert cosines >= 2 and clamps >= 4
+    return replace(shader, name=f"{shader.name}_with_our_fresnel", pixel=pixel)
 
 
 def random_values(node: str, rng: np.random.Generator, anisotropic: bool = False) -> Values:
@@ -90,6 +99,12 @@ def _inputs(node: str) -> list[mx.Input]:
     return next(one for one in versions if one.getDefaultVersion()).getActiveInputs()
 
 
+def has_film(values: Mapping[str, Any]) -> bool:
+    """Whether a thin film lies on the base."""
+    thickness = values.get("thin_film_weight", values.get("iridescence", values.get("thin_film_thickness")))
+    return thickness is not None and thickness > 0.0
+
+
 def roughness_of(values: Mapping[str, Any]) -> float:
     """The perceptual roughness of the base specular."""
     return float(values.get("specular_roughness", values.get("roughness", 0.5)))
@@ -105,6 +120,11 @@ class Points:
     l: Array  # noqa: E741  the field's own name
 
     @property
+    def half_cosine(self) -> Array:
+        """Cosine of the angle between each direction and their half vector."""
+        return 0.5 * np.linalg.norm(self.v + self.l, axis=-1)
+
+    @property
     def lit(self) -> NDArray[np.bool_]:
         """Where the light is above the shading horizon and the view is not on it."""
         return (self.l[:, 2] > 1e-3) & (self.v[:, 2] > 1e-3)
@@ -116,31 +136,48 @@ def random_points(rng: np.random.Generator, n: int, alpha: float) -> Points:
     position = rng.normal(size=(n, 3))
     near = EYE + rng.uniform(-6.0, -1.0, (n, 1)) * to_light + alpha * rng.normal(size=(n, 3))
     kind = rng.integers(3, size=(n, 1))
-    position = np.where(kind == 1, near, position).astype(np.float32).astype(np.float64)
-    view = _unit(EYE - position)
-    half = _unit(view + to_light)
+    position = _float32(np.where(kind == 1, near, position))
+    half = _unit(_unit(EYE - position) + to_light)
     normal = np.where(
         kind == 0, _unit(half + alpha * rng.normal(size=(n, 3))), _unit(rng.normal(size=(n, 3)))
     )
-    normal = normal.astype(np.float32).astype(np.float64)
-    tangent = np.cross(normal, _unit(rng.normal(size=(n, 3)))).astype(np.float32).astype(np.float64)
+    return _points(rng, to_light, position, normal)
+
+
+def opposite_points(rng: np.random.Generator, n: int, alpha: float) -> Points:
+    """n points on the mirror-like lobe, seen from nearly where its light goes."""
+    to_light = _unit(rng.normal(size=3))
+    away = to_light + 0.1 * rng.normal(size=(n, 3))
+    position = _float32(EYE + rng.uniform(1.0, 6.0, (n, 1)) * away)
+    half = _unit(_unit(EYE - position) + to_light)
+    return _points(rng, to_light, position, half + alpha * rng.uniform(-1.0, 1.0, (n, 3)))
+
+
+def _points(rng: np.random.Generator, to_light: Array, position: Array, normal: Array) -> Points:
+    normal = _float32(_unit(normal))
+    tangent = _float32(np.cross(normal, _unit(rng.normal(size=position.shape))))
     light = DirectionalLight((-to_light[0], -to_light[1], -to_light[2]))
 
+    view = _unit(EYE - position)
     z = _unit(normal)
     z = np.where(_dot(z, view) < 0, -z, z)
     x = _unit(tangent - _dot(tangent, z) * z)
     frame = np.stack([x, np.cross(z, x), z], axis=-2)
-    direction = -np.asarray(light.direction, np.float32).astype(np.float64)
     attributes = {
         "position": position,
         "normal": normal,
         "tangent": tangent,
         "bitangent": np.cross(normal, tangent),
-        "texcoord_0": rng.random((n, 2)),
+        "texcoord_0": rng.random((len(position), 2)),
     }
     v = np.einsum("nij,nj->ni", frame, view)
-    l = np.einsum("nij,j->ni", frame, direction)  # noqa: E741  the field's own name
+    l = np.einsum("nij,j->ni", frame, -_float32(light.direction))  # noqa: E741  the field's own name
     return Points(attributes, light, _unit(v), _unit(l))
+
+
+def _float32(values: Any) -> Array:
+    """The values as the shader gets them."""
+    return np.asarray(values, np.float32).astype(np.float64)
 
 
 def draw(shader: Shader, points: Points, values: Mapping[str, Any]) -> Array:

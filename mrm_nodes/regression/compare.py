@@ -66,15 +66,20 @@ class Figures:
     pixels: int
     lit: int
     """Pixels whose reference is above zero."""
+    flip: float | None = None
+    """Mean FLIP, where it was asked for."""
+    hdr_flip: float | None = None
+    uncertainty: float | None = None
+    """What the reference's standard error may add to `used` or take from it; None where the reference is exact."""
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for JSON; a value that is not finite becomes null."""
         return {name: finite_or_none(value) for name, value in vars(self).items()}
 
 
-def finite_or_none(value: float) -> float | None:
+def finite_or_none(value: float | None) -> float | None:
     """JSON has no NaN and no infinity."""
-    return value if np.isfinite(value) else None
+    return value if value is not None and np.isfinite(value) else None
 
 
 def bounds_for(
@@ -154,11 +159,11 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
 
     error = relative_error(image, reference)
     error[~np.isfinite(error)] = np.inf
-    used = max(np.max(error / bounds.max_rel), _quantile(error / bounds.p999_rel, 0.999))
+    used = max(np.max(error / bounds.max_rel), quantile(error / bounds.p999_rel, 0.999))
     figures = Figures(
         max_abs=float(np.max(np.abs(image - reference))),
         max_rel=float(np.max(error)),
-        p999_rel=_quantile(error, 0.999),
+        p999_rel=quantile(error, 0.999),
         rmse=float(np.sqrt(np.mean((image - reference) ** 2))),
         used=float(used),
         pixels=len(image),
@@ -167,6 +172,6 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
     return ("pass" if used <= 1 else "fail"), figures
 
 
-def _quantile(values: NDArray[np.float64], share: float) -> float:
+def quantile(values: NDArray[np.float64], share: float) -> float:
     """The value at `share` of the sorted values, which may be infinite."""
     return float(np.quantile(values, share, method="higher"))

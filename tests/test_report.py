@@ -3,6 +3,7 @@
 import json
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.compare import Figures
-from mrm_nodes.regression.outcome import outcome_of
+from mrm_nodes.regression.outcome import as_record, from_record, outcome_of
 from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, write_pictures
 from mrm_nodes.regression.report import figure, share, write_report
 from mrm_nodes.render.images import read_image
@@ -178,3 +179,25 @@ def test_figures_have_two_digits(value, text):
 )
 def test_shares_are_percentages_or_multiples(value, text):
     assert share(value) == text
+
+
+def test_a_record_is_the_whole_outcome():
+    for outcome in outcomes():
+        record = as_record(outcome)
+        assert json.loads(json.dumps(record, allow_nan=False)) == record
+        again = from_record(record)
+        assert as_record(again) == record
+        assert (again.name, again.verdict, again.figures) == (outcome.name, outcome.verdict, outcome.figures)
+    broken = outcome_of(
+        default_suite()[0], "egl", "fail", figures=Figures(np.nan, np.inf, np.inf, np.nan, np.inf, 1, 1)
+    )
+    broken.details = {
+        "numpy": np.float32(0.5),
+        "array": np.arange(3),
+        "deep": [{"x": (np.inf, 1)}],
+        "path": Path("x"),
+    }
+    record = as_record(broken)
+    assert record["details"] == {"numpy": 0.5, "array": [0, 1, 2], "deep": [{"x": [None, 1]}], "path": "x"}
+    assert from_record(record).figures.used == np.inf
+    assert as_record(from_record(json.loads(json.dumps(record)))) == record

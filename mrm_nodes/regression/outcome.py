@@ -5,13 +5,17 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, Protocol, Self
+
+import numpy as np
 
 from mrm_nodes.regression.compare import Figures, Verdict
 
 STAGES = ("generate", "compile", "render", "reference", "compare")
+FIGURES_OWED = ("max_abs", "max_rel", "p999_rel", "rmse")
+"""Null in the record of what was not compared; the other figures are left out."""
 
 
 class Task(Protocol):
@@ -78,6 +82,61 @@ def outcome_of(task: Task, backend: str, verdict: Verdict, **others: Any) -> Out
     return Outcome(
         task.name, task.node, backend, verdict, task.kind, task.target, setup=task.describe(), **others
     )
+
+
+def as_record(outcome: Outcome) -> dict[str, Any]:
+    """An outcome as JSON has it, in report.json and elsewhere; what is not finite becomes null."""
+    compared = outcome.figures.as_dict() if outcome.figures else dict.fromkeys(FIGURES_OWED)
+    record: dict[str, Any] = plain(
+        {
+            "name": outcome.name,
+            "kind": outcome.kind,
+            "node": outcome.node,
+            "target": outcome.target,
+            "backend": outcome.backend,
+            "truth": outcome.truth,
+            "verdict": outcome.verdict,
+            "passed": outcome.verdict == "pass",
+            **compared,
+            "tolerance": outcome.tolerance,
+            "seconds": outcome.seconds,
+            "message": outcome.message,
+            "setup": outcome.setup,
+            "files": outcome.files,
+            "details": outcome.details,
+        }
+    )
+    return record
+
+
+def from_record(record: Mapping[str, Any]) -> Outcome:
+    """The outcome of a record: `as_record` of it is that record again. A figure that is null was not finite.
+
+    Raises:
+        KeyError, TypeError: it is no such record.
+    """
+    figures = None
+    if "used" in record:
+        told: dict[str, Any] = {each.name: record.get(each.name) for each in fields(Figures)}
+        for each in fields(Figures):
+            if told[each.name] is None and each.default is not None:
+                told[each.name] = np.inf
+        figures = Figures(**told)
+    own = {each.name: record[each.name] for each in fields(Outcome) if each.name != "figures"}
+    return Outcome(**own, figures=figures)
+
+
+def plain(value: Any) -> Any:
+    """Words, numbers, lists and dicts of them: JSON without NaN and infinity, which become null."""
+    if isinstance(value, Mapping):
+        return {str(name): plain(each) for name, each in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [plain(each) for each in value]
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
 @contextmanager

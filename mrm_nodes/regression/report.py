@@ -13,36 +13,10 @@ import jinja2
 from mrm_nodes.regression.cloud import DECADES
 from mrm_nodes.regression.compare import FLOOR, VERDICTS
 from mrm_nodes.regression.files import write_text
-from mrm_nodes.regression.outcome import STAGES, Outcome
+from mrm_nodes.regression.outcome import STAGES, Outcome, as_record
 from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
 
 TEMPLATES = Path(__file__).with_name("templates")
-
-
-def as_record(outcome: Outcome) -> dict[str, Any]:
-    """An outcome as report.json has it."""
-    figures = (
-        outcome.figures.as_dict()
-        if outcome.figures
-        else dict.fromkeys(("max_abs", "max_rel", "p999_rel", "rmse"))
-    )
-    return {
-        "name": outcome.name,
-        "kind": outcome.kind,
-        "node": outcome.node,
-        "target": outcome.target,
-        "backend": outcome.backend,
-        "truth": outcome.truth,
-        "verdict": outcome.verdict,
-        "passed": outcome.verdict == "pass",
-        **figures,
-        "tolerance": dict(outcome.tolerance),
-        "seconds": dict(outcome.seconds),
-        "message": outcome.message,
-        "setup": dict(outcome.setup),
-        "files": dict(outcome.files),
-        "details": dict(outcome.details),
-    }
 
 
 def summarise(outcomes: Iterable[Outcome], seconds: float) -> dict[str, Any]:
@@ -82,7 +56,7 @@ def write_report(
     ordered = worst_first(outcomes)
     report = {
         "environment": dict(environment),
-        "cases": [_finite(as_record(outcome)) for outcome in ordered],
+        "cases": [as_record(outcome) for outcome in ordered],
         "summary": summarise(ordered, seconds),
     }
     write_text(folder / "report.json", json.dumps(report, indent=1, allow_nan=False) + "\n")
@@ -135,14 +109,3 @@ def share(value: float | None) -> str:
 def show_seconds(value: float) -> str:
     """A time that a person reads."""
     return f"{value:.1f} s" if value >= 1 else f"{1000 * value:.0f} ms"
-
-
-def _finite(value: Any) -> Any:
-    """JSON without NaN and infinity: they become null."""
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    if isinstance(value, dict):
-        return {name: _finite(each) for name, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return value

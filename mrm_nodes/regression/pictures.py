@@ -1,13 +1,19 @@
-"""A case's files: EXR for data, and PNG pictures of the render, the reference and the error."""
+"""A case's files: EXR for data, PNG pictures of the render, the reference and the error, and all of it for the page."""
 
 from __future__ import annotations
 
+import base64
+import json
 import math
+import zlib
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mrm_nodes.regression.files import write_text
 from mrm_nodes.render.images import write_exr, write_png
 
 Array = NDArray[np.float64]
@@ -24,30 +30,97 @@ BRIGHTEST = 0.995
 
 
 def write_pictures(
-    folder: Path, image: ArrayLike, reference: ArrayLike, mask: ArrayLike, used: ArrayLike
+    folder: Path,
+    image: ArrayLike,
+    reference: ArrayLike,
+    mask: ArrayLike,
+    used: ArrayLike | None,
+    flip: ArrayLike | None = None,
+    source: str | None = None,
 ) -> dict[str, str | float]:
     """Write the files of one case into an existing folder.
 
     Args:
         image, reference: `(h, w, 3)`, linear.
         mask: `(h, w)`, true where the mesh is.
-        used: `(h, w)`, error as a share of its bound.
+        used: `(h, w)`, error as a share of its bound, or None where no bound is one on pixels.
+        flip: `(h, w)`, 0 to 1, where it was asked for.
+        source: the material, as a MaterialX document.
 
     Returns:
         The file names by what they hold, and `exposure`, the stops by which both pictures were brightened.
     """
     mask = np.asarray(mask, bool)
-    pixels = {"render": np.asarray(image), "reference": np.asarray(reference)}
+    covered = mask[..., None]
+    pixels = {
+        name: np.where(covered, values, 0.0).astype(np.float32)
+        for name, values in (("render", image), ("reference", reference))
+    }
     exposure = exposure_for(pixels["reference"][mask])
     files: dict[str, str | float] = {"exposure": exposure}
-    for name, values in pixels.items():
-        shown = np.where(mask[..., None], values, 0.0)
+    for name, shown in pixels.items():
         write_exr(folder / f"{name}.exr", shown)
         # Covered pixels are opaque, so that the page's own background shows around the mesh.
         write_png(folder / f"{name}.png", np.concatenate([shown, _alpha(mask, exposure)], -1), exposure)
         files |= {name: f"{name}.png", f"{name}_data": f"{name}.exr"}
-    write_png(folder / "error.png", heat_map(used, mask))
-    return {**files, "error": "error.png"}
+    maps = {
+        name: np.where(mask, values, 0.0)
+        for name, values in (("used", used), ("flip", flip))
+        if values is not None
+    }
+    if maps:
+        pictured = heat_map(maps["used"], mask) if "used" in maps else flip_picture(maps["flip"], mask)
+        write_png(folder / "error.png", pictured)
+        files["error"] = "error.png"
+    if source is not None:
+        write_text(folder / "material.mtlx", source)
+        files["source"] = "material.mtlx"
+    write_text(folder / "data.js", f"mrmCase({json.dumps(page_data(pixels, maps, mask, source))});\n")
+    return {**files, "data": "data.js"}
+
+
+def page_data(
+    pixels: Mapping[str, NDArray[np.float32]],
+    maps: Mapping[str, ArrayLike],
+    mask: NDArray[np.bool_],
+    source: str | None = None,
+) -> dict[str, Any]:
+    """What the page's script loads of a case: every float32 of its images, packed, and the material's text.
+
+    A page from a disk may run scripts and may not read files, so the numbers come as a script. They are packed as
+    float image formats do it: the reference as its bits' difference from the render's, bytes of one weight side by
+    side, then zlib. Maps have 16 bits, as they are shown with two digits.
+
+    Args:
+        pixels: `render` and `reference`, `(h, w, 3)`.
+        maps: `used`, `flip` or both, `(h, w)`.
+    """
+    render, reference = (
+        np.ascontiguousarray(pixels[name]).view(np.uint32) for name in ("render", "reference")
+    )
+    with np.errstate(over="ignore"):
+        halves = {name: np.asarray(values).astype(np.float16) for name, values in maps.items()}
+    parts: dict[str, NDArray[Any]] = {
+        "render": render,
+        "reference": render ^ reference,
+        **halves,
+        "mask": mask.astype(np.uint8),
+    }
+    packed = zlib.compress(b"".join(_shuffled(part) for part in parts.values()), level=1)
+    height, width = mask.shape
+    return {
+        "width": width,
+        "height": height,
+        "parts": [[name, part.itemsize, part.size // mask.size] for name, part in parts.items()],
+        "packed": base64.b64encode(packed).decode("ascii"),
+        "source": source,
+    }
+
+
+def _shuffled(values: NDArray[Any]) -> bytes:
+    """The first bytes of all values, then the second ones, and so on; little-endian."""
+    little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
+    return little.view(np.uint8).reshape(-1, values.itemsize).T.tobytes()
 
 
 def exposure_for(values: ArrayLike) -> float:
@@ -63,12 +136,21 @@ def heat_map(used: ArrayLike, mask: ArrayLike) -> Array:
     used = np.asarray(used, np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         height = np.clip(1.0 + np.log10(used) / HEAT_DECADES, 0.0, 1.0)
-    stops = np.array([_linear(stop) for stop in HEAT_STOPS])
-    at = np.linspace(0.0, 1.0, len(stops))
-    colors = np.stack([np.interp(height, at, stops[:, channel]) for channel in range(3)], -1)
+    colors = _colors(height)
     over = ~(used <= 1.0)
     colors[over] = _linear(HEAT_OVER)
     return np.concatenate([colors, _alpha(np.asarray(mask, bool), 0.0)], -1)
+
+
+def flip_picture(flip: ArrayLike, mask: ArrayLike) -> Array:
+    """Linear RGBA `(h, w, 4)` of FLIP in the heat map's colours, evenly from 0 to 1."""
+    return np.concatenate([_colors(np.asarray(flip, np.float64)), _alpha(np.asarray(mask, bool), 0.0)], -1)
+
+
+def _colors(height: Array) -> Array:
+    stops = np.array([_linear(stop) for stop in HEAT_STOPS])
+    at = np.linspace(0.0, 1.0, len(stops))
+    return np.stack([np.interp(height, at, stops[:, channel]) for channel in range(3)], -1)
 
 
 def _alpha(mask: NDArray[np.bool_], exposure: float) -> Array:

@@ -8,12 +8,15 @@ import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from mrm_nodes.commands.regress import regress
 from mrm_nodes.errors import MrmError, MrmWarning
+
+if TYPE_CHECKING:
+    from mrm_nodes.host import Environment
 
 TRACEBACK_VARIABLE = "MRM_TRACEBACK"
 """Set it to see where an unexpected error came from."""
@@ -70,7 +73,7 @@ def cli() -> None:
 @cli.command()
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
 def doctor(backend: str) -> int:
-    """Say which OpenGL was found, whether a render works, and how to mend what does not."""
+    """Say which compilers and OpenGL were found, whether a render works, and how to mend what does not."""
     from mrm_nodes.doctor import examine
 
     return examine(backend)
@@ -267,11 +270,18 @@ def targets(configurations: int) -> None:
 
 @cli.command()
 @click.argument("folder", type=Path, metavar="DIR")
-def install(folder: Path) -> None:
+@click.option(
+    "--environment",
+    type=click.Choice(["any", "fis", "prefilter"]),
+    default="any",
+    show_default=True,
+    help="The method of image light of the programs that will use it, where all have one: the nodes cost less.",
+)
+def install(folder: Path, environment: Environment) -> None:
     """Copy the node library, GLSL included, to DIR/mrm, where DIR is a MaterialX `libraries` folder."""
     from mrm_nodes.library import install as install_library
 
-    files = install_library(folder)
+    files = install_library(folder, environment)
     click.echo(f"{len(files)} files in {folder / 'mrm'}")
 
 

@@ -1,4 +1,4 @@
-"""What this machine can do: versions, the node library, OpenGL, and a first render."""
+"""What this machine can do: versions, the node library, each target's compiler, OpenGL, and a first render."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from mrm_nodes import library
+from mrm_nodes import compilers, library, limits
 from mrm_nodes.errors import MrmError
+from mrm_nodes.host import Host
 from mrm_nodes.regression.material import NODES, document
 from mrm_nodes.render.context import BACKENDS, probe_backends
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import Renderer
 from mrm_nodes.render.scene import CameraLight, Framing
-from mrm_nodes.shadergen import generate_shader, supported_targets
+from mrm_nodes.shadergen import generate_shader, generator_target, supported_targets
 
 VERSIONED = ("mrm-nodes", "MaterialX", "moderngl", "OpenImageIO", "numpy", "numba")
 
@@ -34,8 +35,8 @@ def examine(backend: str = "auto", console: Console | None = None) -> int:
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in VERSIONED)
     console.print(f"versions  Python {platform.python_version()}, {versions}")
     console.print(f"library   {escape(str(library.library_path()))}: {', '.join(NODES)}")
-    console.print(f"targets   {', '.join(supported_targets())}")
-
+    _print_rules(console)
+    _print_targets(console)
     probes = {probe.backend: probe for probe in probe_backends()}
     for name, probe in probes.items():
         if probe.works:
@@ -50,6 +51,36 @@ def examine(backend: str = "auto", console: Console | None = None) -> int:
         raise MrmError(f"{wanted} here; see above for what to install")
     console.print(f"render    [green]works[/] on {working[0]}: {_first_render(working[0])}")
     return 0
+
+
+def _print_rules(console: Console) -> None:
+    rules = library.host()
+    console.print(
+        f"rules     energy compensation of {rules.compensation}: {escape(str(library.own_libraries()))}"
+    )
+    if rules.compensation != Host().compensation:
+        console.print(
+            f"          [yellow]note[/]: loaded by its folder, without `mrm-nodes install` or "
+            f"mrm_nodes.library_path(), the node library follows {Host().compensation}"
+        )
+
+
+def _print_targets(console: Console) -> None:
+    """Print each target's compiler, or what to install, and what a target or a method of image light ignores."""
+    for target in supported_targets():
+        compiler = compilers.COMPILERS.get(target)
+        if compiler is None:
+            state = "generated; no compiler of it is known here"
+        elif compiler.is_installed():
+            state = f"[green]compiled[/] by {escape(compiler.name)}"
+        else:
+            state = f"[yellow]unchecked[/]: no {escape(compiler.name)}; {escape(compiler.install)}"
+        console.print(f"{target:<9} {state}")
+        ignored = limits.left_out(generator_target(target))
+        if ignored:
+            console.print(f"          ignores {', '.join(ignored)}")
+    ignored = limits.left_out("genglsl", environment="prefilter")
+    console.print(f"prefilter this method of image light ignores {', '.join(ignored)}")
 
 
 def _first_render(backend: str) -> str:

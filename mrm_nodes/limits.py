@@ -72,22 +72,41 @@ def _our_bsdfs(node: mx.Node, target: str, outer: _Inputs) -> Iterator[tuple[mx.
 
 def _ignored_of(node: mx.Node, inputs: _Inputs, target: str, environment: str, rules: Host) -> Iterator[str]:
     definition = node.getNodeDef(target) or node.getNodeDef()
+    for name, (own, reason) in _left_out(definition, target, environment, rules).items():
+        if _is_set(inputs, name, own):
+            yield f"{inputs[name][0]} is ignored {reason}"
+
+
+def left_out(generator_target: str, environment: str = "fis", host: Host | None = None) -> list[str]:
+    """Name the inputs of our nodes that a target or an environment method ignores.
+
+    Arguments are those of `ignored_inputs`.
+    """
+    # The node that has every input that may be ignored.
+    definition = library.shared_library().getNodeDef("ND_mrm_dielectric_bsdf")
+    return list(_left_out(definition, generator_target, environment, host or library.host()))
+
+
+def _left_out(
+    definition: mx.NodeDef | None, target: str, environment: str, rules: Host
+) -> dict[str, tuple[str, str]]:
+    """By input: the value that is rendered anyway, and where it is ignored."""
     implementation = definition.getImplementation(target) if definition is not None else None
     if isinstance(implementation, mx.NodeGraph):
-        if _is_set(inputs, "retroreflectivity", "0") and target in rules.forward_targets:
-            path, _ = inputs["retroreflectivity"]
-            yield f"{path} is ignored by {target}: it renders the forward lobe only"
-        for name, own in _FUSED_ONLY.items():
-            if _is_set(inputs, name, own):
-                yield f"{inputs[name][0]} is ignored by {target}: it renders {_meaning(name, own)}"
-    elif environment == "prefilter":
+        found = {
+            name: (own, f"by {target}: it renders {_meaning(name, own)}") for name, own in _FUSED_ONLY.items()
+        }
+        if target in rules.forward_targets:
+            return {
+                "retroreflectivity": ("0", f"by {target}: it renders the forward lobe only"),
+                **found,
+            }
+        return found
+    if environment == "prefilter":
         # Importance sampling goes through our own loop, which knows the node's own lobe.
-        for name, own in _DIRECT_ONLY.items():
-            if _is_set(inputs, name, own):
-                yield (
-                    f"{inputs[name][0]} is ignored in environment light ({environment}): "
-                    f"MaterialX's own function renders {_meaning(name, own)}"
-                )
+        where = "in environment light (prefilter): MaterialX's own function renders"
+        return {name: (own, f"{where} {_meaning(name, own)}") for name, own in _DIRECT_ONLY.items()}
+    return {}
 
 
 def _is_set(inputs: _Inputs, name: str, default: str) -> bool:

@@ -373,8 +373,7 @@ class Renderer:
             "u_viewProjectionMatrix": view_projection.T.ravel(),
             "u_viewPosition": camera.position,
             "u_numActiveLightSources": len(lights),
-            # A black environment: MaterialX's integral over it is skipped at zero samples.
-            "u_envRadianceSamples": 0,
+            "u_envRadianceSamples": samples_in_the_dark(shader),
             "u_envLightIntensity": 1.0,
         }
         own |= {f"mrm_sheet_{index}": _FIRST_SHEET_UNIT + index for index in range(program.sheets)}
@@ -494,6 +493,14 @@ class Renderer:
         else:
             buffers["i_color_0"] = (ctx.buffer(np.ones(4, np.float32)), "/r")
         return _MeshBuffers(mesh, buffers, ctx.buffer(mesh.indices))
+
+
+def samples_in_the_dark(shader: Shader) -> int:
+    """Environment samples where there is no environment: none, or one of the black map.
+
+    Up to MaterialX 1.39.4, its own function divides by their number.
+    """
+    return 0 if "u_envRadianceSamples == 0" in shader.pixel else 1
 
 
 def _bare(attribute: str) -> str:

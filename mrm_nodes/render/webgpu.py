@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.render.renderer import samples_in_the_dark
 from mrm_nodes.render.scene import Camera, Light, vector
 from mrm_nodes.render.uniforms import uniforms_of
 from mrm_nodes.shadergen import Shader
@@ -327,8 +328,8 @@ def _values(
     values |= dict.fromkeys(
         ("u_worldMatrix", "u_viewProjectionMatrix", "u_worldInverseTransposeMatrix", "u_envMatrix"), np.eye(4)
     )
-    # A black environment: MaterialX's integral over it is skipped at zero samples.
-    values |= {"u_viewPosition": position, "u_envRadianceSamples": 0, "u_envLightIntensity": 1.0}
+    values |= {"u_viewPosition": position, "u_envLightIntensity": 1.0}
+    values["u_envRadianceSamples"] = samples_in_the_dark(shader)
     values["u_numActiveLightSources"] = len(lights)
     for index, light in enumerate(lights):
         for name, value in light.data(camera).items():

@@ -11,7 +11,7 @@ from typing import Any
 
 import MaterialX as mx
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 import mrm_nodes
 from mrm_nodes import library
@@ -56,21 +56,40 @@ def shader_of(node: str) -> Shader:
     return mrm_nodes.generate_shader(document, max_lights=1)
 
 
-def with_our_fresnel(shader: Shader) -> Shader:
-    """The shader with two of the README's departures in MaterialX's own lobes too, so that nothing else differs.
+#: MaterialX's lines in its three microfacet nodes, and what they are with the README's departures: the half
+#: angle's cosine from the length of L + V where that is short, and Fresnel within [0, 1].
+_FRESNEL = {
+    r"float VdotH = clamp\(dot\(V, H\), M_FLOAT_EPS, 1\.0\);": """
+        float halfLength = 0.5 * length(L + V);
+        float VdotH = clamp(halfLength < 0.1 ? halfLength : dot(V, H), M_FLOAT_EPS, 1.0);""",
+    r"vec3\s+F = mx_compute_fresnel\(VdotH, fd\);": """
+        vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);""",
+}
+#: And Smith's masking with the roughness that each direction sees (Heitz 2014, eq. 72, 80, 86, 99).
+_MASKING = {
+    r"float G = mx_ggx_smith_G2\(NdotL, NdotV, avgAlpha\);": """
+        vec2 slopeV = safeAlpha * vec2(dot(V, X), dot(V, Y)) / NdotV;
+        vec2 slopeL = safeAlpha * vec2(dot(L, X), dot(L, Y)) / NdotL;
+        float G = 2.0 / (sqrt(1.0 + dot(slopeV, slopeV)) + sqrt(1.0 + dot(slopeL, slopeL)));""",
+}
 
-    Their Fresnel factor is held to [0, 1], and the half angle's cosine is half the length of L + V where that is short.
-    """
-    half_length = "0.5 * length(L + V)"
-    pixel, cosines = re.subn(
-        r"(float VdotH = clamp\()dot\(V, H\)(, M_FLOAT_EPS, 1\.0\);(?=[^}]*vec3\s+F = ))",
-        rf"\g<1>{half_length} < 0.1 ? {half_length} : dot(V, H)\g<2>",
-        shader.pixel,
-    )
-    factors = r"(vec3\s+F = )(mx_compute_fresnel\((?:VdotH|NdotV), fd\));"
-    pixel, clamps = re.subn(factors, r"\1clamp(\2, 0.0, 1.0);", pixel)
-    assert cosines >= 2 and clamps >= 4
-    return replace(shader, name=f"{shader.name}_with_our_fresnel", pixel=pixel)
+
+def with_our_departures(shader: Shader, anisotropic: bool = False) -> Shader:
+    """The shader with the README's departures in MaterialX's own lobes too, so that nothing else differs."""
+    departures = _FRESNEL | _MASKING if anisotropic else _FRESNEL
+
+    def departed(node: re.Match[str]) -> str:
+        text = node[0]
+        for line, departure in departures.items():
+            text, count = re.subn(line, departure, text)
+            assert count == 1, line
+        indirect = "mx_compute_fresnel(NdotV, fd)"
+        return text.replace(f"= {indirect};", f"= clamp({indirect}, 0.0, 1.0);")
+
+    node = r"^void mx_(conductor|dielectric|generalized_schlick)_bsdf\(.*?^}"
+    pixel, count = re.subn(node, departed, shader.pixel, flags=re.MULTILINE | re.DOTALL)
+    assert count >= 1
+    return replace(shader, name=f"{shader.name}_with_our_departures", pixel=pixel)
 
 
 def random_values(node: str, rng: np.random.Generator, anisotropic: bool = False) -> Values:
@@ -203,7 +222,7 @@ class BaseSpecular:
     alpha: float
 
 
-def base_specular(surface: Surface, values: Mapping[str, Any], weight: float) -> BaseSpecular:
+def base_specular(surface: Surface, values: Mapping[str, Any], weight: ArrayLike) -> BaseSpecular:
     """What a surface is whose only lobe is its base specular: metal or dielectric, with a film or without.
 
     The graphs' own arithmetic (MaterialX's pbrlib and bxdf) in float64.
@@ -213,7 +232,7 @@ def base_specular(surface: Surface, values: Mapping[str, Any], weight: float) ->
     alpha = np.clip(alpha, 1e-8, 1.0)  # as MaterialX's nodes do
     lobe = {
         "alpha": alpha,
-        "retroreflectivity": np.float64(np.float32(weight)),
+        "retroreflectivity": _float32(weight),
         "energy_compensation": library.host().compensation,
     }
     white = ref.GeneralizedSchlick(np.ones(3), **lobe)

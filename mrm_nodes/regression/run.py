@@ -1,33 +1,47 @@
-"""A regression run: which backends, who does which task, and where the results go."""
+"""A regression run: which backends, which tasks are still to do, and where the results go.
+
+What a run has come to is on disk at once: each case's files appear complete or not at all, and its outcome is a
+line of the journal. A run that is ended in any way can go on from there.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import datetime
-import importlib.metadata
-import multiprocessing
+import json
 import os
 import platform
+import shutil
 import signal
+import tempfile
+import threading
 import time
+import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.regression import journal
+from mrm_nodes.regression.cache import Cache
+from mrm_nodes.regression.cluster import Cluster, run_on
+from mrm_nodes.regression.executors import TIME_LIMIT, Judged, estimate, run_locally
 from mrm_nodes.regression.files import prepare_folder
+from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, versions
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.report import write_report
-from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render.context import BackendReport, probe_backends
 
 REQUIRE_VARIABLE = "MRM_REQUIRE_BACKENDS"
 """Names the backends, with commas, whose absence is an error and not skipped: for continuous integration."""
 
-VERSIONED = ("MaterialX", "moderngl", "numba", "numpy", "OpenImageIO")
+_SCRATCH = ".unfinished"
+"""Below the report's folder: what workers write, until their case is done."""
+
+_ROOM = 1 << 20
+"""Bytes that a file system must have left after an error, or it is the disk that is full."""
 
 
 @dataclass(frozen=True)
@@ -69,158 +83,369 @@ def required_backends() -> list[str]:
     return [name.strip() for name in os.environ.get(REQUIRE_VARIABLE, "").split(",") if name.strip()]
 
 
+def shard_of(tasks: Sequence[Task], shard: tuple[int, int]) -> list[Task]:
+    """Part i of n of a suite, i from 1 to n: the parts share no task, and together they are the suite."""
+    number, count = shard
+    # Neighbours in a suite are alike: dealt out in turn, they spread the work evenly.
+    return list(tasks[number - 1 :: count])
+
+
 def run_suite(
     tasks: Sequence[Task],
     folder: Path,
     backend: str = "auto",
     jobs: int = 1,
     on_outcome: Callable[[Outcome, int, int], None] = lambda outcome, done, total: None,
+    *,
+    shard: tuple[int, int] = (1, 1),
+    time_limit: float = TIME_LIMIT,
+    cache: Cache | None = None,
+    resume: bool = False,
+    cluster: Cluster | None = None,
 ) -> dict[str, Any]:
     """Run tasks on backends, write the report into a folder, and return what report.json holds.
 
+    Ended by Ctrl-C or SIGTERM it leaves the report of what it came to, which says that it is partial.
+
     Args:
-        tasks: cases and clouds; see `suites`.
+        tasks: cases and clouds, each with a name of its own; see `suites`.
         folder: made where it does not exist; an earlier report's files in it are replaced.
         backend: `egl`, `osmesa`, `auto` or `all`.
         jobs: worker processes, each with a GL context of its own.
         on_outcome: called with each outcome as it comes, how many there are, and how many there will be.
+        shard: run part i of n of the tasks only; see `merge`.
+        time_limit: seconds a case.
+        cache: results of earlier runs, whose cases are not rendered again; new ones are added.
+        resume: go on from what an earlier run of the same suite left in the folder.
+        cluster: where to run instead of in processes of this machine; `jobs` is its own affair then.
 
     Raises:
-        MrmError: the folder cannot be written, or the backends are not there.
+        MrmError: the folder cannot be written, is full, or is another run's; the backends are not there; there
+            is nothing that `resume` could go on with.
+        KeyboardInterrupt: the run was ended.
     """
-    start = time.perf_counter()
     prepare_folder(folder)
-    plan = plan_backends(backend, probe_backends(), required_backends())
-    warm_up()
-    total = len(tasks) * (len(plan.drivers) + len(plan.skipped))
-    outcomes: list[Outcome] = []
-    for name, reason in plan.skipped.items():
-        outcomes += [outcome_of(task, name, "skipped", message=reason) for task in tasks]
-    backend_seconds = {}
-    for name in plan.drivers:
-        backend_start = time.perf_counter()
-        for outcome in _run_backend(tasks, folder, name, jobs):
-            outcomes.append(outcome)
-            on_outcome(outcome, len(outcomes), total)
-        backend_seconds[name] = round(time.perf_counter() - backend_start, 3)
-    environment = {**describe_environment(plan), "jobs": jobs, "backend_seconds": backend_seconds}
-    return write_report(folder, environment, outcomes, time.perf_counter() - start)
+    with _ended_by_signals(), journal.locked(folder), _writing(folder), _scratch(folder) as scratch:
+        plan = plan_backends(backend, probe_backends(), required_backends())
+        run = _Run(tasks, folder, plan, shard, cache, on_outcome)
+        run.environment["jobs"] = jobs
+        past = _past(folder, resume)
+        kept = run.still_holds(past) if resume and past.header else []
+        seconds = {_name(each.outcome): sum(each.outcome.seconds.values()) for each in past.entries}
+        with run.recorded(kept):
+            run.take_from_cache()
+            for name, driver in plan.drivers.items():
+                start = time.perf_counter()
+                place = scratch / name
+                place.mkdir()
+                waiting = run.waiting(name)
+
+                def expected(task: Task, name: str = name) -> float:
+                    return seconds.get(f"{name} {task.name}") or estimate(task)
+
+                judged = (
+                    run_on(
+                        cluster, waiting, name, place, run.inputs, conditions(driver), time_limit, expected
+                    )
+                    if cluster
+                    else run_locally(waiting, name, place, jobs, time_limit, expected)
+                )
+                with contextlib.closing(judged):
+                    for each in judged:
+                        run.accept(each)
+                run.environment["backend_seconds"][name] = round(time.perf_counter() - start, 3)
+        return run.report()
+
+
+class _Run:
+    """A run's tasks, fixed with all that they depend on, and what came of them so far."""
+
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        folder: Path,
+        plan: Plan,
+        shard: tuple[int, int],
+        cache: Cache | None,
+        on_outcome: Callable[[Outcome, int, int], None],
+    ) -> None:
+        self._start = time.perf_counter()
+        self._folder, self._plan, self._cache, self._on_outcome = folder, plan, cache, on_outcome
+        self.inputs = Inputs()
+        self._tasks = shard_of(tasks, shard)
+        self._conditions = {name: conditions(driver) for name, driver in plan.drivers.items()}
+        self._keys = {
+            f"{name} {task.name}": key(task, name, self.inputs, around)
+            for name, around in self._conditions.items()
+            for task in self._tasks
+        }
+        self._suite = digest_of([[task.name, task.kind, task.describe()] for task in tasks])
+        self._shard = shard
+        self._outcomes: dict[str, Outcome] = {}
+        self._journal: journal.Journal | None = None
+        self.environment = {**describe_environment(plan), "backend_seconds": {}}
+        if shard != (1, 1):
+            self.environment["shard"] = f"{shard[0]}/{shard[1]}"
+        if len({task.name for task in tasks}) < len(tasks):
+            name, _ = Counter(task.name for task in tasks).most_common(1)[0]
+            raise MrmError(f"two cases are called {name}; give each a name of its own")
+
+    def still_holds(self, past: journal.Past) -> list[journal.Entry]:
+        """The outcomes of an earlier run that this one need not come to again.
+
+        Warns (MrmWarning) of cases whose files were changed since; they are run again.
+
+        Raises:
+            MrmError: it was a run of something else.
+        """
+        then, now = past.header["conditions"], self._conditions
+        for name in now:
+            for what, value in now[name].items():
+                if then.get(name, {}).get(what) != value:
+                    raise MrmError(self._cannot_resume(f"{what} of the {name} backend changed since"))
+        keys = past.header["keys"]
+        for name in {**self._keys, **keys}:
+            if keys.get(name) != self._keys.get(name):
+                how = "is new" if name not in keys else "changed" if name in self._keys else "is gone"
+                raise MrmError(self._cannot_resume(f"the suite changed since: {name} {how}"))
+        known = {_name(each.outcome): each for each in past.entries if _name(each.outcome) in self._keys}
+        intact = [entry for entry in known.values() if entry.is_intact(self._folder)]
+        if len(intact) < len(known):
+            warnings.warn(
+                f"{self._folder}: the files of {len(known) - len(intact)} cases were changed or removed; "
+                "they are run again",
+                MrmWarning,
+                stacklevel=2,
+            )
+        return intact
+
+    def _cannot_resume(self, reason: str) -> str:
+        return f"{self._folder}: --resume: {reason}; run without it"
+
+    @contextlib.contextmanager
+    def recorded(self, kept: Sequence[journal.Entry]) -> Iterator[None]:
+        """Keep a journal for as long as the block lasts; where it ends in an exception, write a partial report.
+
+        kept: outcomes of an earlier run.
+        """
+        for name in ("report.json", "index.html"):
+            # After a kill, an earlier report would be taken for this run's.
+            (self._folder / name).unlink(missing_ok=True)
+        header = {
+            "suite": self._suite,
+            "shard": list(self._shard),
+            "conditions": self._conditions,
+            "keys": self._keys,
+            "environment": self.environment,
+        }
+        with journal.Journal(self._folder, header, kept) as self._journal:
+            try:
+                for name, reason in self._plan.skipped.items():
+                    for task in self._tasks:
+                        self._note(outcome_of(task, name, "skipped", message=reason), {})
+                for entry in kept:
+                    self._show(entry.outcome)
+                if kept:
+                    self.environment["resumed"] = len(kept)
+                yield
+            except BaseException as error:
+                self.environment["partial"] = (
+                    "it was interrupted" if isinstance(error, KeyboardInterrupt) else str(error)
+                )
+                for name in self._plan.drivers:
+                    for task in self.waiting(name):
+                        self._show(outcome_of(task, name, "skipped", message="not run"), quietly=True)
+                with contextlib.suppress(MrmError):
+                    self.report()
+                raise
+
+    def waiting(self, backend: str) -> list[Task]:
+        """The tasks that have no outcome on a backend yet."""
+        return [task for task in self._tasks if f"{backend} {task.name}" not in self._outcomes]
+
+    def take_from_cache(self) -> None:
+        """Note the outcomes that are known from other runs, and write their files."""
+        if self._cache is None:
+            return
+        found = 0
+        for backend in self._plan.drivers:
+            for task in self.waiting(backend):
+                known = self._cache.get(self._keys[f"{backend} {task.name}"], self._folder)
+                if known is not None:
+                    found += 1
+                    self._note(*known)
+        self.environment["cached"] = found
+
+    def accept(self, judged: Judged) -> None:
+        """Take over what a worker came to: its files into the report's folder, its outcome into the journal."""
+        outcome = judged.outcome
+        changed = self.inputs.changed(judged.task.files())
+        if changed:
+            outcome = outcome_of(
+                judged.task, outcome.backend, "error", message=f"{changed[0]}: changed during the run"
+            )
+        elif outcome.verdict == "error":
+            self._check_room()
+        sums = {} if changed else _publish(judged.folder, self._folder)
+        shutil.rmtree(judged.folder, ignore_errors=True)
+        self._note(outcome, sums)
+        if self._cache is not None:
+            self._cache.put(self._keys[_name(outcome)], outcome, self._folder, sums)
+
+    def _check_room(self) -> None:
+        """See whether a full disk may be at fault, which is no case's error."""
+        with tempfile.TemporaryFile(dir=self._folder) as file:
+            file.write(bytes(_ROOM))
+
+    def _note(self, outcome: Outcome, sums: journal.Sums) -> None:
+        assert self._journal is not None
+        self._journal.add(outcome, sums)
+        self._show(outcome)
+
+    def _show(self, outcome: Outcome, quietly: bool = False) -> None:
+        self._outcomes[_name(outcome)] = outcome
+        if not quietly:
+            total = len(self._tasks) * (len(self._plan.drivers) + len(self._plan.skipped))
+            self._on_outcome(outcome, len(self._outcomes), total)
+
+    def report(self) -> dict[str, Any]:
+        """Write the report of what there is, and return what report.json holds."""
+        if self._cache is not None:
+            self._cache.prune()
+        seconds = time.perf_counter() - self._start
+        return write_report(self._folder, self.environment, list(self._outcomes.values()), seconds)
+
+
+def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
+    """Make one report of the shards of a run, copying their files, and return what report.json holds.
+
+    Its seconds are those of the shard that took longest. Where shards are missing, it says that it is partial.
+
+    Raises:
+        MrmError: a folder has no journal, or they are not shards of one run.
+    """
+    prepare_folder(folder)
+    if folder.resolve() in [part.resolve() for part in parts]:
+        raise MrmError(f"{folder}: that is a shard's own folder; choose another with -o")
+    outcomes: dict[str, Outcome] = {}
+    shards: dict[int, Path] = {}
+    first: Mapping[str, Any] = {}
+    seconds = 0.0
+    with journal.locked(folder), _writing(folder):
+        for part in parts:
+            past = journal.read(part)
+            if past is None:
+                raise MrmError(f"{part}: no run's journal is there; name the folder of a shard's report")
+            number, count = past.header["shard"]
+            first = first or past.header
+            for what in ("suite", "conditions"):
+                if past.header[what] != first[what]:
+                    raise MrmError(f"{part}: not a part of the same run as {parts[0]}: its {what} differs")
+            if count != first["shard"][1] or number in shards:
+                other = shards.get(number, parts[0])
+                raise MrmError(f"{part}: shard {number}/{count} does not go together with {other}")
+            shards[number] = part
+            for entry in past.entries:
+                if not entry.is_intact(part):
+                    raise MrmError(
+                        f"{part}: files of {entry.outcome.name} were changed or removed; run it with --resume"
+                    )
+                for name in entry.sums:
+                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
+                    shutil.copyfile(part / name, folder / name)
+                outcomes[_name(entry.outcome)] = entry.outcome
+            undone = {*past.header["keys"]} - {_name(entry.outcome) for entry in past.entries}
+            if undone:
+                raise MrmError(f"{part}: {len(undone)} cases are not done; finish it with --resume")
+            seconds = max(seconds, _seconds_of(part / "report.json"))
+        environment = {name: value for name, value in first["environment"].items() if name != "shard"}
+        absent = sorted({*range(1, first["shard"][1] + 1)} - {*shards})
+        if absent:
+            missing = ", ".join(f"{number}/{first['shard'][1]}" for number in absent)
+            environment["partial"] = f"shards are missing: {missing}"
+        return write_report(folder, environment, list(outcomes.values()), seconds)
+
+
+def _seconds_of(report: Path) -> float:
+    """What a run took, by its report.json."""
+    try:
+        return float(json.loads(report.read_text())["summary"]["seconds"])
+    except (OSError, ValueError, KeyError):
+        raise MrmError(f"{report}: cannot be read; write it anew with --resume") from None
 
 
 def describe_environment(plan: Plan) -> dict[str, Any]:
     """Where and with what a run took place."""
-    versions = {name: importlib.metadata.version(name) for name in VERSIONED}
     return {
         "date": datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%d %H:%M UTC"),
         "platform": platform.platform(),
         "processors": os.cpu_count(),
         "backends": dict(plan.drivers),
-        "versions": {
-            "mrm-nodes": importlib.metadata.version("mrm-nodes"),
-            "Python": platform.python_version(),
-            **versions,
-        },
+        "versions": versions(),
     }
 
 
-def _run_backend(tasks: Sequence[Task], folder: Path, backend: str, jobs: int) -> Iterator[Outcome]:
-    """The outcomes of tasks on one backend, as worker processes give them.
+def _name(outcome: Outcome) -> str:
+    """What tells an outcome from the others of a run."""
+    return f"{outcome.backend} {outcome.name}"
 
-    A worker gets tasks whose shaders it has already, as long as there are some. One that dies costs the task
-    that it was at, and is replaced.
-    """
-    threads = max(1, (os.cpu_count() or 1) // jobs)
-    limits = {"LP_NUM_THREADS": str(threads), "NUMBA_NUM_THREADS": str(threads)}
-    waiting = list(tasks)
-    crew = [_Crew(backend) for _ in range(min(jobs, len(waiting)))]
-    running: dict[Future[Outcome], tuple[_Crew, Task]] = {}
+
+def _past(folder: Path, resume: bool) -> journal.Past:
+    """What an earlier run left in a folder; damage matters only to one that goes on from there."""
+    with warnings.catch_warnings():
+        if not resume:
+            warnings.simplefilter("ignore", MrmWarning)
+        return journal.read(folder) or journal.Past({}, [])
+
+
+def _publish(source: Path, folder: Path) -> journal.Sums:
+    """Move a case's files to their place in the report, each at once, and return their checksums."""
+    sums = {}
+    for file in sorted(source.rglob("*")):
+        if file.is_file():
+            name = file.relative_to(source).as_posix()
+            sums[name] = journal.checksum(file.read_bytes())
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            file.replace(folder / name)
+    return sums
+
+
+@contextlib.contextmanager
+def _scratch(folder: Path) -> Iterator[Path]:
+    """An empty folder on the report's own file system, for as long as the block lasts."""
+    place = folder / _SCRATCH
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
     try:
-        while waiting or running:
-            busy = [member for member, _ in running.values()]
-            for member in [each for each in crew if each not in busy][: len(waiting)]:
-                task = waiting.pop(_next_task(waiting, member, crew))
-                with _environment(limits):
-                    running[member.submit(task, folder)] = (member, task)
-            for future in wait(running, return_when=FIRST_COMPLETED).done:
-                member, task = running.pop(future)
-                try:
-                    yield future.result()
-                except BrokenProcessPool:
-                    yield outcome_of(task, backend, "error", message="the worker process died")
-                    member.restart()
+        yield place
     finally:
-        for member in crew:
-            member.stop()
+        shutil.rmtree(place, ignore_errors=True)
 
 
-class _Crew:
-    """One worker process, and the structures whose shaders it has."""
-
-    def __init__(self, backend: str) -> None:
-        self.backend = backend
-        self.restart()
-
-    def restart(self) -> None:
-        """Start afresh; the process itself starts with the first task."""
-        # A GL context does not survive a fork.
-        context = multiprocessing.get_context("spawn")
-        self.structures: set[Any] = set()
-        self._pool = ProcessPoolExecutor(1, context, _start_worker, (self.backend,))
-
-    def submit(self, task: Task, folder: Path) -> Future[Outcome]:
-        self.structures.add(task.structure)
-        return self._pool.submit(_run_task, task, folder)
-
-    def stop(self) -> None:
-        self._pool.shutdown(wait=True, cancel_futures=True)
+@contextlib.contextmanager
+def _writing(folder: Path) -> Iterator[None]:
+    """Turn what a folder or its file system does not allow into one line."""
+    try:
+        yield
+    except OSError as error:
+        raise MrmError(
+            f"{folder}: cannot be written: {error.strerror or error}; what is done is kept: go on with --resume"
+        ) from None
 
 
-def _next_task(waiting: Sequence[Task], member: _Crew, crew: Sequence[_Crew]) -> int:
-    """Index of the task that costs a worker least: of a structure it has, else of one that nobody has."""
-    elsewhere = {structure for each in crew for structure in each.structures} - member.structures
+@contextlib.contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Have SIGTERM and SIGHUP end the block as Ctrl-C does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
 
-    def cost(index: int) -> int:
-        structure = waiting[index].structure
-        return 0 if structure in member.structures else 2 if structure in elsewhere else 1
+    def end(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
 
-    return min(range(len(waiting)), key=cost)
-
-
-_worker: Worker | None = None
-"""Of this process, where it is a worker process."""
-
-
-def _start_worker(backend: str) -> None:
-    global _worker
-    # Ctrl-C reaches every process of the terminal; the parent alone decides what ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _worker = Worker(backend)
-
-
-def _run_task(task: Task, folder: Path) -> Outcome:
-    if _worker is None:
-        raise RuntimeError("not a worker process")
-    return _worker.run(task, folder)
-
-
-@contextmanager
-def _environment(variables: Mapping[str, str]) -> Iterator[None]:
-    """Environment variables for the processes started in the block; what the user has set stays."""
-    added = {name: value for name, value in variables.items() if name not in os.environ}
-    os.environ.update(added)
+    before = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
     try:
         yield
     finally:
-        for name in added:
-            del os.environ[name]
-
-
-def warm_up() -> None:
-    """Have the evaluator's compiled code in its cache, so that not every worker compiles it."""
-    from mrm_nodes import reference
-
-    up = (0.0, 0.0, 1.0)
-    bsdf = reference.Dielectric(1.5, 0.5, energy_compensation="materialx-1.39.5")
-    bsdf.eval(up, up)
-    bsdf.sample(up, (0.5, 0.5, 0.5))
-    bsdf.throughput(up, up)
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import signal
 from collections.abc import Callable, Mapping
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +14,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import cloud, image_case
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.render.context import get_context
 from mrm_nodes.shadergen import Shader
 
 JUDGES: Mapping[str, Callable[[Any, Workshop, Outcome, Path], None]] = {
@@ -32,7 +37,15 @@ class Worker:
 
     def __init__(self, backend: str, edit: Callable[[Shader], Shader] = lambda shader: shader) -> None:
         self.backend = backend
+        self.is_sound = True
+        """Whether the next task may be judged here: false once memory ran out or OpenGL no longer draws."""
         self._workshop = Workshop(backend, edit)
+
+    @property
+    def driver(self) -> str:
+        """Name of the OpenGL that renders."""
+        info = get_context(self.backend).ctx.info
+        return f"{info['GL_RENDERER']}, OpenGL {info['GL_VERSION']}"
 
     def run(self, task: Task, folder: Path) -> Outcome:
         """Run a task and write its files below `folder`; a fault becomes the verdict, never an exception."""
@@ -43,4 +56,37 @@ class Worker:
             outcome.verdict, outcome.message = "error", str(error)
         except Exception as error:  # one broken case must not cost the others
             outcome.verdict, outcome.message = "error", f"{type(error).__name__}: {error}"
+            self.is_sound = not isinstance(error, MemoryError)
+        if outcome.verdict in ("fail", "error"):
+            # A context that is lost draws black without a word.
+            self.is_sound = self.is_sound and self._workshop.still_draws()
         return outcome
+
+
+def serve(descriptor: int, backend: str) -> None:
+    """Judge the tasks that come through a connection until it ends: what a worker process does.
+
+    It sends the name of its OpenGL when it is ready, or the MrmError that keeps it from working; then, for each
+    task and folder, the outcome and whether the worker is still sound.
+    """
+    _end_with_parent()
+    with Connection(descriptor) as connection, contextlib.suppress(BrokenPipeError):
+        try:
+            worker = Worker(backend)
+        except MrmError as error:
+            connection.send(error)
+            return
+        connection.send(worker.driver)
+        while True:
+            try:
+                task, folder = connection.recv()
+            except EOFError:
+                return
+            connection.send((worker.run(task, folder), worker.is_sound))
+
+
+def _end_with_parent() -> None:
+    """Have the kernel end this process when its parent ends, even in the midst of a draw that never ends."""
+    # PR_SET_PDEATHSIG of linux/prctl.h; elsewhere the process ends with its next task.
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)

@@ -6,10 +6,15 @@ from collections.abc import Callable
 from typing import Any
 
 import MaterialX as mx
+import numpy as np
 
 from mrm_nodes.regression import material
+from mrm_nodes.render.context import get_context
+from mrm_nodes.render.recent import Recent
 from mrm_nodes.render.renderer import Renderer
 from mrm_nodes.shadergen import Shader, generate_shader
+
+_KEPT_SHADERS = 64
 
 
 class Workshop:
@@ -26,10 +31,28 @@ class Workshop:
     def __init__(self, backend: str, edit: Callable[[Shader], Shader] = lambda shader: shader) -> None:
         self.renderer = Renderer(backend)
         self._edit = edit
-        self._shaders: dict[Any, Shader] = {}
+        self._shaders: Recent[Any, Shader] = Recent(_KEPT_SHADERS, lambda shader: None)
 
     def shader(self, key: Any, document: Callable[[], mx.Document], element: str | None = None) -> Shader:
         """The shader of a key; `document` makes what it is generated from where there is none yet."""
-        if key not in self._shaders:
-            self._shaders[key] = self._edit(generate_shader(document(), element=element or material.MATERIAL))
-        return self._shaders[key]
+
+        def make() -> Shader:
+            return self._edit(generate_shader(document(), element=element or material.MATERIAL))
+
+        return self._shaders.get(key, make)
+
+    def still_draws(self) -> bool:
+        """Whether the context is there, and holds what is drawn with it."""
+        gray = (0.25, 0.5, 0.75, 1.0)
+        ctx = get_context(self.renderer.backend).ctx
+        try:
+            with ctx:
+                texture = ctx.texture((1, 1), 4, dtype="f4")
+                framebuffer = ctx.framebuffer([texture])
+                framebuffer.clear(*gray)
+                seen = np.frombuffer(framebuffer.read(components=4, dtype="f4"), np.float32)
+                framebuffer.release()
+                texture.release()
+                return tuple(seen) == gray and ctx.error not in ("GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST")
+        except Exception:  # moderngl raises its own error and bare ones
+            return False

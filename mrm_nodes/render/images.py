@@ -59,7 +59,8 @@ def write_exr(path: str | os.PathLike[str], array: NDArray[Any]) -> None:
         MrmError: the folder or the file cannot be written.
     """
     pixels = np.ascontiguousarray(array, dtype=np.float32)
-    _write(Path(path), pixels, {"compression": "zips"}, ".exr")
+    # Without a date of its own a file gets today's, and equal images would be different files.
+    _write(Path(path), pixels, {"compression": "zips", "DateTime": "1970:01:01 00:00:00"}, ".exr")
 
 
 def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float = 0.0) -> None:

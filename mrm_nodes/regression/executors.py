@@ -1,0 +1,309 @@
+"""Worker processes, and who of them does which task.
+
+What was judged is handed back as it comes. A task that costs its worker (the process dies, hangs, or loses its
+OpenGL) is tried once more on a fresh one, and is an error after that.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import itertools
+import multiprocessing.connection
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
+
+TIME_LIMIT = 600.0
+"""Seconds that a case may take."""
+
+_START_LIMIT = 120.0
+"""Seconds that a worker process may take to start."""
+
+_STARTS = 3
+"""Times in a row that a worker process may die as it starts, before the run is given up."""
+
+UNSOUND = "the worker's OpenGL no longer draws"
+
+_SECONDS_A_POINT = 4e-6
+"""A shaded point with one light, on one processor: only the order of tasks hangs on it."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A task, what became of it, and the folder below which its files lie."""
+
+    task: Task
+    outcome: Outcome
+    folder: Path
+
+
+def estimate(task: Task) -> float:
+    """Seconds that a task may take, from the points that it shades: a guess, to start with the longest."""
+    setup = task.describe()
+    width, height = setup.get("size") or (0, 0)
+    lights = max(1, len(setup.get("lights") or ()))
+    points: int = width * height * lights + setup.get("configurations", 0)
+    return _SECONDS_A_POINT * points
+
+
+class Queue:
+    """Tasks that wait: the longest first, and those that share shaders to one worker as far as possible."""
+
+    def __init__(self, tasks: Iterable[Task], seconds: Callable[[Task], float] = estimate) -> None:
+        ordered = sorted(((seconds(task), task) for task in tasks), key=lambda each: -each[0])
+        self._waiting: dict[Any, deque[tuple[float, Task]]] = {}
+        for expected, task in ordered:
+            self._waiting.setdefault(task.structure, deque()).append((expected, task))
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def take(self, own: set[Any], others: set[Any]) -> Task:
+        """The next task for a worker.
+
+        It is the longest whose structure the worker has or no other has; one that only others have comes last.
+
+        Args:
+            own: structures whose shaders the worker has; that of the task is added.
+            others: structures that other workers have.
+        """
+
+        def rank(structure: Any) -> tuple[bool, float, bool]:
+            return (
+                structure in own or structure not in others,
+                self._waiting[structure][0][0],
+                structure in own,
+            )
+
+        structure = max(self._waiting, key=rank)
+        group = self._waiting[structure]
+        _, task = group.popleft()
+        if not group:
+            del self._waiting[structure]
+        own.add(structure)
+        return task
+
+
+class Lost(Exception):
+    """A worker process is gone, or must go: says why."""
+
+
+class WorkerProcess:
+    """A process with a GL context that judges one task at a time.
+
+    It is a program of its own, not a fork (a GL context does not survive one), and not multiprocessing's: that
+    cannot be used from Dask's workers. It ends with the process that started it.
+
+    Args:
+        backend: `egl` or `osmesa`.
+        variables: environment variables; what the user has set stays.
+    """
+
+    _PROGRAM = (
+        "import sys; from mrm_nodes.regression.worker import serve; serve(int(sys.argv[1]), sys.argv[2])"
+    )
+
+    def __init__(self, backend: str, variables: Mapping[str, str]) -> None:
+        self.structures: set[Any] = set()
+        self.task: Task | None = None
+        self.folder = Path()
+        self.driver = ""
+        """Name of its OpenGL, which is what it says when it is ready."""
+        self.connection, far = multiprocessing.connection.Pipe()
+        # The child must find this package, and whatever a task is made of, wherever this process found it.
+        path = os.pathsep.join(path for path in sys.path if path)
+        command = [sys.executable, "-P", "-c", self._PROGRAM, str(far.fileno()), backend]
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.DEVNULL,
+            env={**variables, **os.environ, "PYTHONPATH": path},
+            pass_fds=[far.fileno()],
+            # Ctrl-C reaches every process of the terminal; the parent alone decides what ends.
+            start_new_session=True,
+        )
+        far.close()
+        self._limit = _START_LIMIT
+        self._started = time.monotonic()
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def seconds_left(self) -> float:
+        """Until it has taken too long."""
+        return self._started + self._limit - time.monotonic()
+
+    def give(self, task: Task, folder: Path, time_limit: float) -> None:
+        """Start a task, whose files go below an empty folder."""
+        self.task, self.folder = task, folder
+        self._limit, self._started = time_limit, time.monotonic()
+        # A process that just died says so when its answer is asked for.
+        with contextlib.suppress(OSError):
+            self.connection.send((task, folder))
+
+    def taken(self) -> Task:
+        """The task that was given, which is done with."""
+        assert self.task is not None
+        task, self.task = self.task, None
+        return task
+
+    def wait_for_answer(self) -> Any:
+        """What the process sends next: the name of its OpenGL; then, for each task, the outcome and whether the
+        process can be trusted with another.
+
+        Raises:
+            Lost: the process died, or took longer than it may.
+            MrmError: the backend does not work there.
+        """
+        if not self.connection.poll(max(0.0, self.seconds_left)):
+            what = "no result" if self.driver else "no start of the worker process"
+            raise Lost(f"{what} within the time limit of {self._limit:g} s")
+        try:
+            answer = self.connection.recv()
+        except (EOFError, OSError):
+            raise Lost(f"the worker process died ({self._how_it_ended()})") from None
+        if isinstance(answer, MrmError):
+            raise answer
+        return answer
+
+    def _how_it_ended(self) -> str:
+        try:
+            status = self._process.wait(5)
+        except subprocess.TimeoutExpired:
+            return "it stopped answering"
+        return f"signal {-status}" if status < 0 else f"exit status {status}"
+
+    def stop(self) -> None:
+        """End it at once."""
+        self._process.kill()
+        self._process.wait()
+        self.connection.close()
+
+
+def run_locally(
+    tasks: Sequence[Task],
+    backend: str,
+    scratch: Path,
+    jobs: int = 1,
+    time_limit: float = TIME_LIMIT,
+    seconds: Callable[[Task], float] = estimate,
+) -> Generator[Judged]:
+    """Judge tasks in worker processes of this machine.
+
+    Args:
+        scratch: an existing folder for their files.
+        jobs: worker processes; they share the processors.
+        time_limit: seconds a task.
+        seconds: what a task is expected to take.
+
+    Raises:
+        MrmError: worker processes cannot start.
+    """
+    queue = Queue(tasks, seconds)
+    again: deque[Task] = deque()
+    lost: Counter[str] = Counter()
+    folders = (scratch / str(number) for number in itertools.count())
+    crew = _Crew(backend, min(jobs, len(tasks)), jobs)
+    try:
+        while queue or again or crew.busy():
+            for member in crew.idle():
+                if not (again or queue):
+                    break
+                others = {each for other in crew.members if other is not member for each in other.structures}
+                task = again.popleft() if again else queue.take(member.structures, others)
+                folder = next(folders)
+                folder.mkdir()
+                member.give(task, folder, time_limit)
+            for member, answer in crew.answers():
+                task = member.taken()
+                if not isinstance(answer, Lost):
+                    outcome, is_sound = answer
+                    if is_sound:
+                        yield Judged(task, outcome, member.folder)
+                        continue
+                    answer = Lost(outcome.message or UNSOUND)
+                crew.replace(member)
+                lost[task.name] += 1
+                if lost[task.name] == 1:
+                    # Its next worker is a fresh process, or another one.
+                    again.append(task)
+                    continue
+                shutil.rmtree(member.folder, ignore_errors=True)
+                outcome = outcome_of(task, backend, "error", message=f"{answer}, twice")
+                yield Judged(task, outcome, member.folder)
+    finally:
+        crew.stop()
+
+
+def threads(jobs: int) -> dict[str, str]:
+    """Environment variables that give each of so many processes its share of the processors."""
+    each = str(max(1, len(os.sched_getaffinity(0)) // jobs))
+    return {"LP_NUM_THREADS": each, "NUMBA_NUM_THREADS": each}
+
+
+class _Crew:
+    """Worker processes of one backend, each replaced when it is lost."""
+
+    def __init__(self, backend: str, count: int, jobs: int) -> None:
+        self._start = functools.partial(WorkerProcess, backend, threads(jobs))
+        self._failed_starts = 0
+        self.members: list[WorkerProcess] = []
+        for _ in range(count):
+            self.members.append(self._start())
+
+    def busy(self) -> bool:
+        return any(member.task for member in self.members)
+
+    def idle(self) -> list[WorkerProcess]:
+        return [member for member in self.members if member.driver and member.task is None]
+
+    def answers(self) -> list[tuple[WorkerProcess, Any]]:
+        """Wait until members answer their tasks; where one is lost, that is its answer.
+
+        Raises:
+            MrmError: processes do not start.
+        """
+        waited_for = [member for member in self.members if member.task or not member.driver]
+        patience = max(0.0, min(member.seconds_left for member in waited_for))
+        spoken = multiprocessing.connection.wait([member.connection for member in waited_for], patience)
+        answers: list[tuple[WorkerProcess, Any]] = []
+        for member in waited_for:
+            if member.connection not in spoken and member.seconds_left > 0:
+                continue
+            try:
+                answer = member.wait_for_answer()
+            except Lost as lost:
+                if member.driver:
+                    answers.append((member, lost))
+                    continue
+                self._failed_starts += 1
+                if self._failed_starts >= _STARTS:
+                    raise MrmError(f"worker processes do not start: {lost}; see `mrm-nodes doctor`") from None
+                self.replace(member)
+                continue
+            if member.driver:
+                answers.append((member, answer))
+            else:
+                member.driver, self._failed_starts = answer, 0
+        return answers
+
+    def replace(self, member: WorkerProcess) -> None:
+        """Put a fresh process in a member's place."""
+        member.stop()
+        self.members[self.members.index(member)] = self._start()
+
+    def stop(self) -> None:
+        for member in self.members:
+            member.stop()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from mrm_nodes.commands.regress import merge, regress
+from mrm_nodes.commands.suite import suite
 from mrm_nodes.errors import MrmError, MrmWarning
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def doctor(backend: str) -> int:
 
 
 cli.add_command(regress)
+cli.add_command(suite)
 cli.add_command(merge)
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import library
+from mrm_nodes import external, library
 from mrm_nodes.errors import MrmError, MrmWarning
 
 #: Light nodes as every shader of ours knows them, by the number that LightData.type carries.
@@ -93,23 +93,28 @@ def generator_target(target: str) -> str:
 
 
 def read_document(
-    path: str | os.PathLike[str], libraries: str | os.PathLike[str] | None = None
+    path: str | os.PathLike[str],
+    libraries: str | os.PathLike[str] | None = None,
+    allow_external: bool = False,
 ) -> mx.Document:
     """Read a .mtlx file, with MaterialX's standard libraries and ours beside it.
 
     libraries: a MaterialX `libraries` folder in place of the installed MaterialX's.
+    allow_external: whether it may include documents and name images outside of its folder and the search path.
 
     Raises:
-        MrmError: the file is missing or is not MaterialX.
+        MrmError: the file is missing, is not MaterialX, or names a file that it may not read.
     """
     file = Path(path)
     if not file.is_file():
         raise MrmError(f"{file}: no such file")
+    external.check_includes(file, allow_external)
     document = mx.createDocument()
     try:
         mx.readFromXmlFile(document, str(file), mx.FileSearchPath(str(file.resolve().parent)))
     except Exception as error:  # MaterialX's own exception types differ between versions
         raise MrmError(f"{file}: not a MaterialX document: {_one_line(error)}") from None
+    external.check_images(document, file, allow_external)
     document.setDataLibrary(library.shared_library(libraries))
     return document
 
@@ -123,6 +128,7 @@ def generate_shader(
     interface: str = "complete",
     max_lights: int = 4,
     libraries: str | os.PathLike[str] | None = None,
+    allow_external: bool = False,
 ) -> Shader:
     """Generate the shader of one renderable element.
 
@@ -135,6 +141,7 @@ def generate_shader(
         interface: `complete` makes every input a uniform, `reduced` only those that the document sets.
         max_lights: size of the light array of the GLSL family.
         libraries: a MaterialX `libraries` folder to use in place of the installed MaterialX's.
+        allow_external: as in `read_document`.
 
     Raises:
         MrmError: unreadable document, unknown node, target, element or option, or a value that is no number.
@@ -152,11 +159,13 @@ def generate_shader(
         raise MrmError(f"max_lights {max_lights} is negative")
 
     if isinstance(path_or_document, mx.Document):
-        document, where, folder = path_or_document, path_or_document.getSourceUri() or "document", Path()
+        document, where = path_or_document, path_or_document.getSourceUri() or "document"
+        folder = Path(path_or_document.getSourceUri()).parent
         if not document.hasDataLibrary() and document.getNodeDef("ND_conductor_bsdf") is None:
             document.setDataLibrary(library.shared_library(libraries))
     else:
-        document, where = read_document(path_or_document, libraries), os.fspath(path_or_document)
+        document = read_document(path_or_document, libraries, allow_external)
+        where = os.fspath(path_or_document)
         folder = Path(path_or_document).resolve().parent
     check_document(document, where)
     renderable = find_renderable(document, where, element)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import fnmatch
 import itertools
 from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.regression.outcome import Task
+
+AnyTask = TypeVar("AnyTask", bound=Task)
 
 CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("phong", "vcavity"))
 CONFIGURATIONS = 1_000_000
@@ -25,18 +29,30 @@ def clouds(configurations: int = CONFIGURATIONS) -> list[Cloud]:
     return [Cloud(node, *pair, configurations=each) for node in NODES for pair in CLOUD_PAIRS]
 
 
-def suite(name: str = "default", configurations: int = CONFIGURATIONS) -> list[Task]:
+def suite(
+    name: str = "default", configurations: int = CONFIGURATIONS, allow_external: bool = False
+) -> list[Task]:
     """The tasks of a suite, the longest first.
 
+    Args:
+        name: `default`, a suite's TOML file, or a folder of materials.
+        configurations: of each node, in the default suite.
+        allow_external: whether a material may read files outside of its folder and the search path.
+
     Raises:
-        MrmError: no such suite.
+        MrmError: no such suite, or one with faults.
     """
-    if name != "default":
-        raise MrmError(f"unknown suite {name}; there is one: default")
-    return [*clouds(configurations), *default_suite()]
+    if name == "default":
+        return [*clouds(configurations), *default_suite()]
+    path = Path(name)
+    if not path.is_dir() and path.suffix != ".toml":
+        raise MrmError(f"unknown suite {name}: it is `default`, a .toml file, or a folder of .mtlx files")
+    from mrm_nodes.regression.suitefile import load
+
+    return list(load(path, allow_external).cases)
 
 
-def choose(tasks: Sequence[Task], expression: str | None) -> list[Task]:
+def choose(tasks: Sequence[AnyTask], expression: str | None) -> list[AnyTask]:
     """The tasks whose name matches: a pattern with * ? [ ], or a part of the name.
 
     Raises:

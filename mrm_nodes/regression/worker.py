@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import cloud, image_case
+from mrm_nodes.regression import cloud, image_case, material_case
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.context import get_context
@@ -20,6 +20,7 @@ from mrm_nodes.shadergen import Shader
 JUDGES: Mapping[str, Callable[[Any, Workshop, Outcome, Path], None]] = {
     "image": image_case.judge,
     "cloud": cloud.judge,
+    "material": material_case.judge,
 }
 """By a task's kind: renders and compares it, completes its outcome, and writes its files below a folder."""
 

@@ -1,0 +1,93 @@
+"""`mrm-nodes suite`: check, list and begin suites of one's own materials."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mrm_nodes.errors import MrmError
+
+AT_FAULT = 2
+
+_external = click.option(
+    "--allow-external",
+    is_flag=True,
+    help="Let materials read files outside of their folder and the search path.",
+)
+
+
+@click.group()
+def suite() -> None:
+    """Check, list and begin suites: TOML files that name materials and how they are looked at."""
+
+
+@suite.command()
+@click.argument("file", type=Path)
+@_external
+def check(file: Path, allow_external: bool) -> int:
+    """Say what is wrong with a suite, one line for each fault, or how many cases it has."""
+    from mrm_nodes.regression.suitefile import SuiteError, load
+
+    try:
+        found = load(file, allow_external)
+    except SuiteError as error:
+        for fault in error.faults:
+            click.echo(f"mrm-nodes: {fault}", err=True)
+        return AT_FAULT
+    physics = sum(case.truth == "physics" for case in found.cases)
+    click.echo(
+        f"{file}: {len(found.cases)} cases, {physics} by physics, {len(found.cases) - physics} by baseline"
+    )
+    return 0
+
+
+@suite.command("list")
+@click.argument("file", type=Path)
+@click.option(
+    "--filter", "expression", metavar="EXPR", help="Only cases whose name has this part or pattern."
+)
+@_external
+def list_cases(file: Path, expression: str | None, allow_external: bool) -> None:
+    """Print a suite's cases, what each is compared with, and why."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from mrm_nodes.regression import suites
+    from mrm_nodes.regression.suitefile import load
+
+    cases = suites.choose(load(file, allow_external).cases, expression)
+    table = Table("case", "material", "mesh", "size", "truth", "why")
+    for case in cases:
+        size = "x".join(map(str, case.size))
+        table.add_row(case.name, case.material, case.mesh, size, case.truth, case.reason)
+    console = Console(markup=False)
+    if not console.is_terminal:
+        console = Console(markup=False, width=200)
+    console.print(table)
+    click.echo(f"{len(cases)} cases")
+
+
+@suite.command()
+@click.argument("folder", type=Path, metavar="DIR", default=Path())
+def init(folder: Path) -> None:
+    """Write a commented suite and a material to DIR, ready to run."""
+    from mrm_nodes.library import materials_path
+    from mrm_nodes.regression.files import prepare_folder, write_text
+
+    material = "hi_vis_tape.mtlx"
+    files = {
+        folder / "suite.toml": TEMPLATE.read_text(encoding="utf-8"),
+        folder / "materials" / material: (materials_path() / material).read_text(encoding="utf-8"),
+    }
+    for path in files:
+        if path.exists():
+            raise MrmError(f"{path}: exists; move it away, or name another folder")
+    for path, text in files.items():
+        prepare_folder(path.parent)
+        write_text(path, text)
+        click.echo(path)
+    click.echo(f"run it with: mrm-nodes regress --suite {folder / 'suite.toml'}")
+
+
+TEMPLATE = Path(__file__).parents[1] / "regression" / "templates" / "suite.toml"

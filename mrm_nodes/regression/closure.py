@@ -1,0 +1,334 @@
+"""A material's closure tree: which scattering functions it is made of, and what drives each of their inputs.
+
+The tree is read from a document whose surfaces and closures are flattened to MaterialX's own nodes. Values that are
+written down come with it; where a graph drives an input, the document gets an output there, so that the very
+graph can be generated and rendered: no pattern, texture or normal map is implemented twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import MaterialX as mx
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.material import CHANNELS, NODES, Value
+
+PLAIN_NODES = ("conductor_bsdf", "dielectric_bsdf", "generalized_schlick_bsdf")
+"""MaterialX's own nodes that the evaluator knows, as long as they are isotropic."""
+DIFFUSE_NODE = "oren_nayar_diffuse_bsdf"
+KNOWN_NODES = (*NODES, *PLAIN_NODES, DIFFUSE_NODE)
+
+_OPAQUE = ("conductor_bsdf", DIFFUSE_NODE, "burley_diffuse_bsdf", "translucent_bsdf", "subsurface_bsdf")
+"""Nodes below which nothing shows, whatever their weight."""
+
+_OUTPUT = "mrm_truth_"
+"""Start of the names of the outputs that are added to a document."""
+
+
+class UnknownClosure(MrmError):
+    """The evaluator has no model of a part of a material; the message says of which."""
+
+
+@dataclass(frozen=True)
+class Driven:
+    """An input that a graph drives: its value has to be rendered."""
+
+    element: str
+    """Path of the output that shows it, in the closure's document."""
+    channels: int
+
+
+Port = Value | Driven | None
+"""None: the geometry gives it (normal, tangent)."""
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """A scattering function and all of its inputs."""
+
+    node: str
+    """Its category, one of KNOWN_NODES."""
+    path: str
+    inputs: Mapping[str, Port]
+
+
+@dataclass(frozen=True)
+class Nothing:
+    """A scattering function of weight 0: no response."""
+
+    opaque: bool
+    """Whether it hides what lies below it all the same, as MaterialX's diffuse nodes and metals do."""
+
+
+@dataclass(frozen=True)
+class Mix:
+    """MaterialX's `mix`."""
+
+    fg: Tree
+    bg: Tree
+    amount: Port
+
+
+@dataclass(frozen=True)
+class Add:
+    """MaterialX's `add`."""
+
+    in1: Tree
+    in2: Tree
+
+
+@dataclass(frozen=True)
+class Multiply:
+    """MaterialX's `multiply`."""
+
+    in1: Tree
+    in2: Port
+
+
+@dataclass(frozen=True)
+class Layer:
+    """MaterialX's `layer`."""
+
+    top: Tree
+    base: Tree
+
+
+Tree = Lobe | Nothing | Mix | Add | Multiply | Layer
+
+
+@dataclass(frozen=True)
+class Closure:
+    """A surface: what it scatters, and what has to be 1 (opacity) and 0 (emission) for it to be only that."""
+
+    document: mx.Document
+    """Where the outputs of driven inputs lie."""
+    flattened: bool
+    """Whether a node was replaced by its graph, so that the document's paths are no longer the material's."""
+    tree: Tree
+    opacity: Port
+    emission: tuple[Port, ...]
+    """Colours and weights of which, in each of the surface's emissions, one is a factor."""
+
+
+def closure_of(document: mx.Document, element: str) -> Closure:
+    """The closure tree of a material, or of a surface shader, by its path in a document that generation accepts.
+
+    Raises:
+        UnknownClosure: it has a part that the evaluator does not know.
+    """
+    copy = mx.createDocument()
+    copy.copyContentFrom(document)
+    copy.setDataLibrary(document.getDataLibrary())
+    copy.setSourceUri(document.getSourceUri())
+    flattened = _flatten(copy)
+    top = copy.getDescendant(element)
+    if top is None and flattened:
+        raise UnknownClosure(f"{element} is not itself a material: name the material")
+    reader = _Reader(copy)
+    surface = reader.surface(top)
+    bsdf = surface.getInput("bsdf")
+    return Closure(
+        copy,
+        flattened,
+        Nothing(opaque=False) if bsdf is None else reader.tree(bsdf),
+        reader.port(surface, "opacity"),
+        tuple(reader.emissions(surface.getInput("edf"))),
+    )
+
+
+def _flatten(document: mx.Document) -> bool:
+    """Replace surfaces and closures by the graphs that implement them; whether there were any."""
+    kinds = ("BSDF", "EDF", "VDF", "surfaceshader")
+    replaced = []
+
+    def is_closure(node: mx.Node) -> bool:
+        if node.getType() not in kinds:
+            return False
+        implementation = node.getImplementation("genglsl")
+        if isinstance(implementation, mx.NodeGraph):
+            replaced.append(node.getName())
+        return True
+
+    for graph in [document, *document.getNodeGraphs()]:
+        if not graph.getAttribute("nodedef"):
+            graph.flattenSubgraphs("genglsl", is_closure)
+    return bool(replaced)
+
+
+@dataclass
+class _Reader:
+    """Reads trees from one document, adding an output for each source that drives an input."""
+
+    document: mx.Document
+    outputs: dict[tuple[str, ...], Driven] = field(default_factory=dict)
+    above: list[str] = field(default_factory=list)
+    """The nodes between the surface and the one that is read."""
+
+    def surface(self, element: mx.Element | None) -> mx.Node:
+        """The `surface` node of a material, a shader or an output."""
+        node = element
+        if isinstance(node, mx.Output):
+            node = node.getConnectedNode()
+        if isinstance(node, mx.Node) and node.getType() == "material":
+            shader = node.getInput("surfaceshader")
+            node = _source(shader) if shader is not None else None
+        if not isinstance(node, mx.Node) or node.getType() != "surfaceshader":
+            raise UnknownClosure("it is no material with a surface")
+        if node.getCategory() != "surface":
+            raise UnknownClosure(
+                f"{node.getName()} is a {node.getCategory()}, which the evaluator does not know"
+            )
+        return node
+
+    def tree(self, port: mx.Input) -> Tree:
+        """The tree that is connected to an input."""
+        node = _source(port)
+        if node is None:
+            return Nothing(opaque=False)
+        path, category = node.getNamePath(), node.getCategory()
+        if path in self.above:
+            raise UnknownClosure(f"{path} contains itself")
+        self.above.append(path)
+        try:
+            return self._node(node, category, path)
+        finally:
+            self.above.pop()
+
+    def _node(self, node: mx.Node, category: str, path: str) -> Tree:
+        if category == "mix":
+            amount = self.port(node, "mix")
+            # A part that a constant leaves out need not be known.
+            if amount in (0.0, 1.0):
+                return self._part(node, "bg" if amount == 0.0 else "fg")
+            return Mix(self._part(node, "fg"), self._part(node, "bg"), amount)
+        if category == "add":
+            return Add(self._part(node, "in1"), self._part(node, "in2"))
+        if category == "multiply":
+            return Multiply(self._part(node, "in1"), self.port(node, "in2"))
+        if category == "layer":
+            return Layer(self._part(node, "top"), self._part(node, "base"))
+        if self._has_weight(node) and self.port(node, "weight") == 0.0:
+            return Nothing(category.removeprefix("mrm_") in _OPAQUE)
+        if category not in KNOWN_NODES:
+            raise UnknownClosure(f"{path} is a {category}, which the evaluator does not know")
+        return self._lobe(node, category, path)
+
+    @staticmethod
+    def _has_weight(node: mx.Node) -> bool:
+        declared = node.getNodeDef()
+        return declared is not None and declared.getActiveInput("weight") is not None
+
+    def _part(self, node: mx.Node, name: str) -> Tree:
+        port = node.getInput(name)
+        return Nothing(opaque=False) if port is None else self.tree(port)
+
+    def _lobe(self, node: mx.Node, category: str, path: str) -> Lobe:
+        inputs = {
+            each.getName(): self.port(node, each.getName()) for each in node.getNodeDef().getActiveInputs()
+        }
+        for name, value in inputs.items():
+            if isinstance(value, Driven) and not value.channels:
+                raise UnknownClosure(f"{path}/{name} is driven by a graph, and is no number")
+        alpha = inputs.get("roughness")
+        if category in PLAIN_NODES and isinstance(alpha, tuple) and alpha[0] != alpha[1]:
+            raise UnknownClosure(
+                f"{path} is an anisotropic {category}, whose masking MaterialX approximates; mrm_{category} is exact"
+            )
+        return Lobe(category, path, inputs)
+
+    def emissions(self, port: mx.Input | None) -> list[Port]:
+        """What has to be 0 for a tree of emission to emit nothing; the evaluator adds none."""
+        node = None if port is None else _source(port)
+        if node is None:
+            return []
+        if node.getCategory() == "uniform_edf":
+            colour = self.port(node, "color")
+            return [] if colour == (0.0, 0.0, 0.0) else [colour]
+        factor = {"multiply": "in2", "mix": "mix"}.get(node.getCategory())
+        if factor == "in2" and self.port(node, "in2") in (0.0, (0.0, 0.0, 0.0)):
+            return []
+        found = []
+        for each in node.getInputs():
+            if each.getType() == "EDF":
+                found += self.emissions(each)
+        return found
+
+    def port(self, node: mx.Node, name: str) -> Port:
+        """What an input of a node is given."""
+        declared = node.getNodeDef().getActiveInput(name)
+        port = node.getInput(name)
+        while port is not None and port.hasAttribute("interfacename"):
+            outer = port.getInterfaceInput()
+            if outer is None:
+                break
+            port = outer
+        if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):
+            return self._driven(port)
+        if port is not None and port.getValue() is not None:
+            return self._decoded(port) if _is_coded(port) else plain_value(port)
+        if declared.getAttribute("defaultgeomprop"):
+            return None
+        return plain_value(declared)
+
+    def _driven(self, port: mx.Input) -> Driven:
+        """What drives a port: a graph's own output, or one that is added to a node beside it."""
+        kind = port.getType()
+        scope = port.getParent().getParent()
+        if port.hasAttribute("nodegraph"):
+            shown = port.getConnectedOutput()
+            if shown is None:
+                raise UnknownClosure(f"{port.getNamePath()} is connected to what does not exist")
+            return Driven(shown.getNamePath(), CHANNELS.get(kind, 0))
+        key = (scope.getNamePath(), port.getNodeName(), port.getOutputString(), kind)
+        if key not in self.outputs:
+            output = scope.addOutput(f"{_OUTPUT}{len(self.outputs)}", kind)
+            output.setNodeName(port.getNodeName())
+            if port.getOutputString():
+                output.setOutputString(port.getOutputString())
+            self.outputs[key] = Driven(output.getNamePath(), CHANNELS.get(kind, 0))
+        return self.outputs[key]
+
+    def _decoded(self, port: mx.Input) -> Driven:
+        """A value that generation decodes, such as one in sRGB: shown through a `constant` node."""
+        key = (port.getNamePath(),)
+        if key not in self.outputs:
+            number = len(self.outputs)
+            constant = self.document.addNode("constant", f"{_OUTPUT}{number}_value", port.getType())
+            value = constant.addInput("value", port.getType())
+            value.setValueString(port.getValueString())
+            value.setColorSpace(port.getActiveColorSpace())
+            output = self.document.addOutput(f"{_OUTPUT}{number}", port.getType())
+            output.setNodeName(constant.getName())
+            self.outputs[key] = Driven(output.getNamePath(), CHANNELS[port.getType()])
+        return self.outputs[key]
+
+
+def _source(port: mx.Input) -> mx.Node | None:
+    """The node that is connected to an input, through graphs and interfaces."""
+    seen = 0
+    while port is not None and seen < 100:
+        seen += 1
+        if port.hasAttribute("interfacename") and port.getInterfaceInput() is not None:
+            port = port.getInterfaceInput()
+            continue
+        if port.hasAttribute("nodegraph") or port.hasAttribute("nodename"):
+            return port.getConnectedNode()
+        return None
+    return None
+
+
+def _is_coded(port: mx.Input) -> bool:
+    space = port.getActiveColorSpace()
+    return port.getType() == "color3" and space not in ("", "none", "lin_rec709", "linear", "raw")
+
+
+def plain_value(port: mx.Input) -> Value:
+    """A port's value as numbers, text or a truth value."""
+    value = port.getValue()
+    if value is None and port.getType() == "string":
+        return str(port.getValueString())
+    if isinstance(value, mx.Vector2 | mx.Vector3 | mx.Color3):
+        return tuple(float(value[i]) for i in range(CHANNELS[port.getType()]))
+    return value if isinstance(value, bool | str) else float(value)

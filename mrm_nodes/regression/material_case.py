@@ -1,0 +1,448 @@
+"""A case of a user's own material: rendered, and compared with the evaluator or with a stored image."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import MaterialX as mx
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mrm_nodes import shadergen
+from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.regression import baseline
+from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
+from mrm_nodes.regression.compare import Bounds, compare, relative_error
+from mrm_nodes.regression.material import CHANNELS, Value
+from mrm_nodes.regression.outcome import Outcome, timed
+from mrm_nodes.regression.physics import Points, shade_tree
+from mrm_nodes.regression.pictures import write_pictures
+from mrm_nodes.regression.tolerance import Tolerance, compare_images
+from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.render.environment import Environment, find_environment
+from mrm_nodes.render.images import read_image
+from mrm_nodes.render.mesh import BUILT_IN, Mesh
+from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.renderer import RenderedImage
+from mrm_nodes.render.scene import Camera, Framing, Light
+from mrm_nodes.render.uniforms import uniforms_of
+from mrm_nodes.shadergen import Shader
+
+Array = NDArray[np.float64]
+Truth = Literal["physics", "baseline"]
+
+BASELINE_TOLERANCE = Tolerance(max_rel=1e-2, p999_rel=1e-3)
+"""Against a stored image, where a suite says nothing else: what another driver's rounding makes of a narrow lobe."""
+
+
+@dataclass(frozen=True)
+class EnvironmentMap:
+    """The light around a case: a built-in environment or a file, and how it is used."""
+
+    name: str
+    """`sky`, `studio`, or a file's name below the case's root."""
+    options: tuple[tuple[str, float], ...] = ()
+    """Of `rotation`, `intensity` and `samples`, those that differ from `find_environment`'s."""
+
+
+@dataclass(frozen=True)
+class MaterialCase:
+    """One image of a user's material. File names are relative to `root`."""
+
+    name: str
+    root: Path
+    material: str
+    element: str
+    """Path of the material in its document."""
+    truth: Truth
+    reason: str
+    """Why this truth."""
+    inputs: Mapping[str, Value] = field(default_factory=dict)
+    """Values in place of the document's, by the path of an input (`node/input`, `graph/node/input`)."""
+    mesh: str = "sphere"
+    camera: Camera | Framing = field(default_factory=Framing)
+    lights: tuple[Light, ...] = ()
+    environment: EnvironmentMap | None = None
+    size: tuple[int, int] = (256, 256)
+    """Width and height."""
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    """Asks for nothing: the evaluator's own bounds, or BASELINE_TOLERANCE."""
+    mask: str | None = None
+    """An image whose bright pixels count."""
+    depends: tuple[str, ...] = ()
+    """The files of the material: documents and textures, itself included."""
+    baselines: str = "baselines"
+    """Folder of the stored images."""
+    time_limit: float | None = None
+    """Seconds that the case may take, or the run's own limit."""
+    allow_external: bool = False
+    target: str = "glsl"
+
+    @property
+    def node(self) -> str:
+        """The material: the report filters by it."""
+        return self.element.rpartition("/")[2]
+
+    @property
+    def kind(self) -> str:
+        """Who judges it."""
+        return "material"
+
+    @property
+    def structure(self) -> tuple[Any, ...]:
+        """Values are uniforms: which inputs have one is what makes a shader another one."""
+        return (self.target, str(self.root), self.material, self.element, tuple(sorted(self.inputs)))
+
+    def describe(self) -> dict[str, Any]:
+        """What it is, for the report."""
+        return {
+            "material": self.material,
+            "element": self.element,
+            "truth": self.truth,
+            "reason": self.reason,
+            "inputs": dict(self.inputs),
+            "mesh": self.mesh,
+            "camera": repr(self.camera),
+            "lights": [repr(light) for light in self.lights],
+            "environment": None if self.environment is None else repr(self.environment),
+            "size": list(self.size),
+            "tolerance": self.tolerance.asked(),
+            "mask": self.mask,
+            "baselines": self.baselines,
+            "allow_external": self.allow_external,
+        }
+
+    def sources(self) -> tuple[Path, ...]:
+        """The files that the render depends on."""
+        names = [*self.depends]
+        if self.mesh not in BUILT_IN:
+            names.append(self.mesh)
+        if self.environment is not None and not _is_built_in(self.environment):
+            names.append(self.environment.name)
+        return tuple(self.root / name for name in dict.fromkeys(names))
+
+    def files(self) -> tuple[Path, ...]:
+        """The files that the result depends on: `sources`, the mask, and the stored image with its provenance."""
+        more = [] if self.mask is None else [self.root / self.mask]
+        if self.truth == "baseline":
+            more += [path for path in self.store.paths(self.name) if path.is_file()]
+        return (*self.sources(), *more)
+
+    def moved(self, root: Path) -> Self:
+        """The same case with its files below another folder."""
+        return replace(self, root=root)
+
+    @property
+    def store(self) -> baseline.Store:
+        """Where its stored image lies, if it has one."""
+        return baseline.Store(self.root / self.baselines)
+
+
+def _is_built_in(environment: EnvironmentMap) -> bool:
+    return environment.name in ("sky", "studio")
+
+
+def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
+    """Render a case, compare it with its truth, and write its pictures below `folder`."""
+    outcome.truth = case.truth
+    bench = _Bench(case, workshop, outcome)
+    drawn = bench.render(bench.shader(case.element))
+    mask = drawn.mask & _mask(case)
+    place = Path("cases") / outcome.backend / case.name
+    (folder / place).mkdir(parents=True, exist_ok=True)
+    source = (case.root / case.material).read_text(encoding="utf-8", errors="replace")
+
+    truth: ArrayLike
+    bounds: Bounds | None = None
+    if case.truth == "baseline":
+        outcome.details = {"inputs": baseline.fingerprint(case)}
+        try:
+            truth = case.store.read(case.name, drawn.image.shape)
+        except MrmError:
+            _write_render(drawn, mask, source, folder / place, outcome)
+            raise
+    else:
+        with timed(outcome, "reference"):
+            points, bounds = _physics(bench, drawn, mask)
+            truth = _spread(points, mask)
+    with timed(outcome, "compare"):
+        used, flip = _compare(case, drawn.image, truth, mask, bounds, outcome)
+        written = write_pictures(folder / place, drawn.image, truth, mask, used, flip, source)
+        outcome.files = _below(place, written)
+
+
+def _compare(
+    case: MaterialCase,
+    image: ArrayLike,
+    truth: ArrayLike,
+    mask: NDArray[np.bool_],
+    bounds: Bounds | None,
+    outcome: Outcome,
+) -> tuple[Array | None, Array | None]:
+    """Complete an outcome's verdict; return `used` and `flip`, `(h, w)`, as `write_pictures` takes them."""
+    if bounds is not None and not case.tolerance.asked():
+        seen, expected = np.asarray(image)[mask], np.asarray(truth)[mask]
+        outcome.verdict, outcome.figures = compare(seen, expected, bounds)
+        outcome.tolerance = bounds.loosest()
+        return _spread(np.max(relative_error(seen, expected) / bounds.max_rel, axis=-1), mask), None
+    asked = case.tolerance if case.tolerance.asked() else BASELINE_TOLERANCE
+    compared = compare_images(image, truth, mask, asked)
+    outcome.verdict, outcome.figures = compared.verdict, compared.figures
+    outcome.tolerance = asked.asked()
+    return compared.used, compared.flip
+
+
+def _write_render(
+    drawn: RenderedImage, mask: NDArray[np.bool_], source: str, folder: Path, outcome: Outcome
+) -> None:
+    """Write what can be looked at, and accepted, of a case that has no reference."""
+    written = write_pictures(folder, drawn.image, drawn.image, mask, None, source=source)
+    for name in set(written.values()) - {written[name] for name in _OF_RENDER if name in written}:
+        if isinstance(name, str):
+            (folder / name).unlink(missing_ok=True)
+    place = Path("cases") / outcome.backend / outcome.name
+    outcome.files = _below(place, {name: written[name] for name in _OF_RENDER if name in written})
+
+
+_OF_RENDER = ("render", "render_data", "exposure", "source")
+"""What `write_pictures` writes that holds without a reference."""
+
+
+def _below(place: Path, written: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        name: (place / file).as_posix() if isinstance(file, str) else file for name, file in written.items()
+    }
+
+
+class _Bench:
+    """One case's renders: of its material, and of what drives the inputs of its lobes."""
+
+    def __init__(self, case: MaterialCase, workshop: Workshop, outcome: Outcome) -> None:
+        self.case = case
+        self._workshop = workshop
+        self._outcome = outcome
+        self._mesh = _mesh(case)
+        self._stamp = tuple(_stamp(path) for path in case.sources())
+        self._baked: tuple[tuple[str, Value], ...] = ()
+        """Values that are no uniform of the material's shader: they make a shader of their own."""
+
+    @functools.cached_property
+    def document(self) -> mx.Document:
+        """The material with the case's values."""
+        with timed(self._outcome, "generate"):
+            return with_values(read(self.case), self.case.inputs, self.case.material)
+
+    @functools.cached_property
+    def closure(self) -> Closure:
+        """The tree of the material's lobes."""
+        with timed(self._outcome, "generate"):
+            return closure_of(self.document, self.case.element)
+
+    def shader(self, element: str) -> Shader:
+        """The material's own shader."""
+        shader = self._generate(
+            ("material", self._stamp, *self.case.structure), lambda: self.document, element
+        )
+        known = {uniform.path for uniform in uniforms_of(shader).values()}
+        self._baked = tuple(sorted((name, v) for name, v in self.case.inputs.items() if name not in known))
+        if not self._baked:
+            return shader
+        key = ("material", self._stamp, *self.case.structure, self._baked)
+        return self._generate(key, lambda: self.document, element)
+
+    def shown(self, element: str) -> Shader:
+        """The shader of one output of the closure's document."""
+        fixed = tuple(sorted(self.case.inputs.items())) if self.closure.flattened else self._baked
+        key = ("input", self._stamp, *self.case.structure, element, fixed)
+        return self._generate(key, lambda: self.closure.document, element)
+
+    def _generate(self, key: Any, document: Callable[[], mx.Document], element: str) -> Shader:
+        with timed(self._outcome, "generate"):
+            return self._workshop.shader(key, document, element)
+
+    def render(self, shader: Shader, lit: bool = True) -> RenderedImage:
+        """Draw the case, with its lights or without."""
+        case = self.case
+        known = {uniform.path for uniform in uniforms_of(shader).values()}
+        drawn = self._workshop.renderer.render(
+            shader,
+            self._mesh,
+            case.camera,
+            lights=case.lights if lit else (),
+            size=case.size,
+            uniforms={name: value for name, value in case.inputs.items() if name in known},
+            environment=_environment(case) if lit else None,
+        )
+        for stage, seconds in drawn.seconds.items():
+            self._outcome.seconds[stage] += seconds
+        return drawn
+
+    def resolver(self, mask: NDArray[np.bool_]) -> Callable[[Port], Any]:
+        """What an input is at the points of a mask; each source is rendered once."""
+        seen: dict[str, Array] = {}
+
+        def resolve(port: Port) -> Any:
+            if not isinstance(port, Driven):
+                return port
+            if port.element not in seen:
+                values = self.render(self.shown(port.element), lit=False).image[mask].astype(np.float64)
+                if not np.isfinite(values).all():
+                    raise MrmError(
+                        f"{self.case.material}: {port.element} is NaN or infinite where it is seen"
+                    )
+                seen[port.element] = values
+            return seen[port.element][:, 0] if port.channels == 1 else seen[port.element][:, : port.channels]
+
+        return resolve
+
+
+def _physics(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_]) -> tuple[Array, Bounds]:
+    """The reference of the points of a mask, `(n, 3)`, and the bounds there."""
+    closure, resolve = bench.closure, bench.resolver(mask)
+    way_out = 'give the case truth = "baseline"'
+    if mask.any():
+        if np.any(np.asarray(resolve(closure.opacity)) != 1.0):
+            raise MrmError(
+                f"{bench.case.element}: its opacity is not 1 everywhere, which has no model: {way_out}"
+            )
+        if any(np.any(np.asarray(resolve(each)) != 0.0) for each in closure.emission):
+            raise MrmError(f"{bench.case.element}: it emits light, which has no model: {way_out}")
+    points = Points(
+        drawn.position[mask].astype(np.float64),
+        drawn.normal[mask].astype(np.float64),
+        drawn.tangent[mask].astype(np.float64),
+        drawn.camera.position,
+    )
+    return shade_tree(
+        closure.tree, points, [light.data(drawn.camera) for light in bench.case.lights], resolve
+    )
+
+
+def read(case: MaterialCase) -> mx.Document:
+    """The case's document.
+
+    Raises:
+        MrmError: as `shadergen.read_document`.
+    """
+    return shadergen.read_document(case.root / case.material, allow_external=case.allow_external)
+
+
+def with_values(document: mx.Document, values: Mapping[str, Value], where: str) -> mx.Document:
+    """The document itself, its inputs set to values; what drove them is disconnected.
+
+    Raises:
+        MrmError: no such input, or a value that does not fit its type.
+    """
+    for path, value in values.items():
+        holder_path, _, name = path.rpartition("/")
+        holder = document.getDescendant(holder_path) if holder_path else None
+        port = None
+        if isinstance(holder, mx.Node | mx.NodeGraph):
+            declared = holder.getNodeDef().getActiveInput(name) if isinstance(holder, mx.Node) else None
+            port = holder.getInput(name) or (declared and holder.addInput(name, declared.getType()))
+        if port is None:
+            raise MrmError(f"{where}: no input {path}; {_known_inputs(document, path)}")
+        for connection in ("nodename", "nodegraph", "output", "interfacename"):
+            port.removeAttribute(connection)
+        port.setValueString(as_text(value, port.getType(), path))
+    return document
+
+
+def _known_inputs(document: mx.Document, path: str) -> str:
+    holders = [
+        each
+        for each in document.traverseTree()
+        if isinstance(each, mx.Node | mx.NodeGraph) and not each.getAttribute("nodedef")
+    ]
+    known = []
+    for holder in holders:
+        names = {port.getName() for port in holder.getInputs()}
+        if isinstance(holder, mx.Node) and holder.getNodeDef() is not None:
+            names |= {port.getName() for port in holder.getNodeDef().getActiveInputs()}
+        known += [f"{holder.getNamePath()}/{name}" for name in names]
+    return suggestion(path, known)
+
+
+_COUNTS = {**CHANNELS, "integer": 1, "color4": 4, "vector4": 4}
+
+
+def as_text(value: Value, kind: str, path: str) -> str:
+    """A value as MaterialX writes it.
+
+    Raises:
+        MrmError: it does not fit the type.
+    """
+    if kind == "boolean" and isinstance(value, bool):
+        return "true" if value else "false"
+    if kind in ("string", "filename") and isinstance(value, str):
+        return value
+    numbers = np.ravel([] if isinstance(value, str | bool) else value)
+    if len(numbers) != _COUNTS.get(kind) or not np.isfinite(numbers).all():
+        raise MrmError(f"{path}: {value!r} is no {kind}")
+    if kind == "integer" and numbers[0] != int(numbers[0]):
+        raise MrmError(f"{path}: {value!r} is no integer")
+    return ", ".join(f"{number:.9g}" for number in numbers)
+
+
+def _mask(case: MaterialCase) -> NDArray[np.bool_] | bool:
+    """The pixels that count, `(h, w)`, or True for all."""
+    if case.mask is None:
+        return True
+    pixels = read_image(case.root / case.mask)
+    width, height = case.size
+    if pixels.shape[:2] != (height, width):
+        raise MrmError(
+            f"{case.root / case.mask}: the mask has {pixels.shape[1]} × {pixels.shape[0]} pixels, "
+            f"but the case {width} × {height}"
+        )
+    counts: NDArray[np.bool_] = pixels[..., 0] > 0.5
+    return counts
+
+
+def _spread(points: ArrayLike, mask: NDArray[np.bool_]) -> Array:
+    """Values of the pixels of a mask `(n, ...)` put back into an image `(h, w, ...)`, zero elsewhere."""
+    values = np.asarray(points)
+    image = np.zeros(mask.shape + values.shape[1:])
+    image[mask] = values
+    return image
+
+
+def _mesh(case: MaterialCase) -> Mesh:
+    if case.mesh in BUILT_IN:
+        return load_mesh(case.mesh)
+    path = case.root / case.mesh
+    return _loaded_mesh(path, _stamp(path))
+
+
+def _environment(case: MaterialCase) -> Environment | None:
+    if case.environment is None:
+        return None
+    if _is_built_in(case.environment):
+        return _loaded_environment(case.environment.name, (), case.environment.options)
+    path = case.root / case.environment.name
+    return _loaded_environment(str(path), _stamp(path), case.environment.options)
+
+
+def _stamp(path: Path) -> tuple[str, int, int]:
+    """What tells one content of a file from another without reading it."""
+    try:
+        found = path.stat()
+    except OSError:
+        raise MrmError(f"{path}: no such file") from None
+    return (str(path), found.st_mtime_ns, found.st_size)
+
+
+@functools.lru_cache(maxsize=16)
+def _loaded_mesh(path: Path, stamp: tuple[Any, ...]) -> Mesh:
+    return load_mesh(path)
+
+
+@functools.lru_cache(maxsize=4)
+def _loaded_environment(
+    name: str, stamp: tuple[Any, ...], options: tuple[tuple[str, float], ...]
+) -> Environment:
+    return find_environment(name, **dict(options))

@@ -1,0 +1,733 @@
+"""Suites as files: a TOML, or a folder of materials, becomes the cases that a run consists of.
+
+`docs/suites.md` describes the format.
+"""
+
+from __future__ import annotations
+
+import functools
+import glob
+import itertools
+import math
+import os
+import re
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import MaterialX as mx
+import pydantic
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+
+from mrm_nodes import external, shadergen
+from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.regression.closure import UnknownClosure, closure_of
+from mrm_nodes.regression.material import Value
+from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
+from mrm_nodes.regression.tolerance import Tolerance
+from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
+from mrm_nodes.render.mesh import BUILT_IN
+from mrm_nodes.render.scene import (
+    CAMERA_SYNTAX,
+    LIGHT_SYNTAX,
+    Camera,
+    DirectionalLight,
+    Framing,
+    Light,
+    parse_camera,
+    parse_light,
+)
+
+MOST_CASES = 100_000
+"""A matrix that makes more is taken for a slip."""
+LONGEST_NAME = 180
+"""Letters of a case's name: it becomes a folder's."""
+LARGEST_FILE = 16 << 20
+"""Bytes of a suite."""
+
+DEFAULT_LIGHTS: tuple[Light, ...] = (
+    DirectionalLight(direction=(-0.08, -0.05, -1.0)),
+    DirectionalLight(direction=(-0.9, -0.8, -0.7), color=(0.3, 0.5, 1.0), intensity=2.0),
+)
+"""One light a few degrees from the view, for retro lobes, and one from the side, for forward lobes."""
+
+
+class SuiteError(MrmError):
+    """What is wrong with a suite: a line for each fault."""
+
+    def __init__(self, faults: Sequence[str]) -> None:
+        self.faults = list(faults)
+        more = f" (and {len(faults) - 1} more: `mrm-nodes suite check` lists them)" if len(faults) > 1 else ""
+        super().__init__(faults[0] + more)
+
+
+class _Fault(Exception):
+    """A fault, and the keys under which it lies."""
+
+    def __init__(self, keys: Sequence[str | int], message: str) -> None:
+        super().__init__(message)
+        self.keys = tuple(keys)
+        self.message = message
+
+
+# The schema. Each form is told as a user would write it.
+
+
+def _size(value: Any) -> Any:
+    """`256x256`, 256, or [256, 256]."""
+    if isinstance(value, str) and re.fullmatch(r"\d{1,5}x\d{1,5}", value):
+        value = [int(side) for side in value.split("x")]
+    elif isinstance(value, int) and not isinstance(value, bool):
+        value = [value, value]
+    fits = isinstance(value, list) and len(value) == 2
+    if not fits or not all(isinstance(side, int) and 1 <= side <= 16384 for side in value):
+        raise ValueError('a size is "640x480", or one number for a square, each side 1 to 16384 pixels')
+    return (value[0], value[1])
+
+
+def _listed(value: Any) -> Any:
+    return value if isinstance(value, list) else [value]
+
+
+_Size = Annotated[tuple[int, int], BeforeValidator(_size)]
+_Name = Annotated[str, Field(min_length=1, max_length=1000)]
+_Names = Annotated[list[_Name], BeforeValidator(_listed), Field(min_length=1)]
+_Seconds = Annotated[float, Field(gt=0, le=86400)]
+_Threshold = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _ToleranceTable(_Table):
+    max_rel: _Threshold | None = None
+    p999_rel: _Threshold | None = None
+    rmse: _Threshold | None = None
+    flip: _Threshold | None = None
+    hdr_flip: _Threshold | None = None
+
+
+class _EnvironmentTable(_Table):
+    map: _Name
+    rotation: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    intensity: _Threshold | None = None
+    samples: Annotated[int, Field(ge=1, le=1 << 20)] | None = None
+
+
+class _Settings(_Table):
+    """What a case, the defaults and an adjustment have in common."""
+
+    mesh: _Name | None = None
+    camera: _Name | None = None
+    light: _Names | None = None
+    environment: _Name | None = None
+    size: _Size | None = None
+    tolerance: _Name | None = None
+    mask: _Name | None = None
+    truth: Literal["auto", "physics", "baseline"] | None = None
+    time_limit: _Seconds | None = None
+
+
+class _CaseTable(_Settings):
+    material: _Names
+    element: _Names | None = None
+    name: _Name | None = None
+    input: dict[str, Any] = {}
+    matrix: dict[str, list[Any]] = {}
+
+
+class _AdjustTable(_Settings):
+    cases: _Names
+
+
+class _SuiteTable(_Table):
+    title: str = ""
+    defaults: _Settings = _Settings()
+    meshes: dict[str, _Name] = {}
+    cameras: dict[str, _Name] = {}
+    lights: dict[str, _Names] = {}
+    environments: dict[str, _Name | _EnvironmentTable] = {}
+    tolerances: dict[str, _ToleranceTable] = {}
+    case: Annotated[list[_CaseTable], Field(min_length=1)]
+    adjust: list[_AdjustTable] = []
+
+
+_SETTINGS = tuple(_Settings.model_fields)
+_IN_MATRIX = ("mesh", "camera", "light", "environment", "size", "element")
+_INPUT = "input:"
+
+
+@dataclass(frozen=True)
+class Suite:
+    """The cases of a suite, and where it was read."""
+
+    path: Path
+    title: str
+    cases: tuple[MaterialCase, ...]
+
+
+def load(path: Path, allow_external: bool = False) -> Suite:
+    """Read a suite: a TOML file, or a folder whose .mtlx files are the cases.
+
+    Raises:
+        SuiteError: the suite has faults, each with file, line and key.
+        MrmError: there is no such file or folder, or no material in it.
+    """
+    if path.is_dir():
+        names = sorted(str(file.relative_to(path)) for file in path.rglob("*.mtlx") if file.is_file())
+        if not names:
+            raise MrmError(f"{path}: no .mtlx file in this folder")
+        table = _SuiteTable(case=[_CaseTable(material=[glob.escape(name) for name in names])])
+        return _Maker(path, path, table, allow_external, lambda keys: str(path)).suite()
+    text = _text(path)
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SuiteError([_syntax_fault(path, str(error))]) from None
+    except (RecursionError, ValueError) as error:  # nested too deeply; a number of too many digits
+        raise SuiteError([f"{path}: {error}"]) from None
+    lines = _Lines(text)
+
+    def where(keys: Sequence[str | int]) -> str:
+        return f"{path}:{lines.of(keys)}: {_dotted(keys)}"
+
+    try:
+        table = _SuiteTable.model_validate(content)
+    except pydantic.ValidationError as error:
+        raise SuiteError([f"{where(keys)}: {message}" for keys, message in _faults(error)]) from None
+    return _Maker(path, path.parent, table, allow_external, where).suite()
+
+
+def _text(path: Path) -> str:
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise MrmError(f"{path}: larger than {LARGEST_FILE >> 20} MiB, which is no suite")
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise SuiteError([f"{path}: not UTF-8 text (byte {error.start})"]) from None
+
+
+def _syntax_fault(path: Path, message: str) -> str:
+    place = re.search(r" \(at line (\d+), column (\d+)\)$", message)
+    if place is None:
+        return f"{path}: not TOML: {message.removesuffix(' (at end of document)')}"
+    return f"{path}:{place[1]}: not TOML: {message[: place.start()]}, column {place[2]}"
+
+
+def _dotted(keys: Sequence[str | int]) -> str:
+    """Keys as TOML names them; the first [[case]] is case 1."""
+    text = ""
+    for key in keys:
+        text += f" {key + 1}" if isinstance(key, int) else f"{'.' if text else ''}{key}"
+    return text or "the file"
+
+
+def _faults(error: pydantic.ValidationError) -> Iterator[tuple[tuple[str | int, ...], str]]:
+    """Where the faults of a table lie, and what is expected there."""
+    for each in error.errors(include_url=False):
+        # pydantic adds the type that it tried to the keys of a choice of types.
+        keys = tuple(key for key in each["loc"] if not (isinstance(key, str) and _is_type(key)))
+        message = each["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
+        if each["type"] == "extra_forbidden":
+            message = f"unknown key; {suggestion(str(keys[-1]), _keys_beside(keys))}"
+        elif each["type"] == "missing":
+            message = "is missing"
+        elif not message.startswith("a size"):
+            message = f"expected {message[:1].lower()}{message[1:]}"
+        yield keys, message
+
+
+def _is_type(key: str) -> bool:
+    return key.startswith(("constrained", "_EnvironmentTable", "function-", "list[", "str"))
+
+
+def _keys_beside(keys: Sequence[str | int]) -> Iterable[str]:
+    tables: dict[Any, type[BaseModel]] = {
+        "defaults": _Settings,
+        "tolerances": _ToleranceTable,
+        "environments": _EnvironmentTable,
+        "case": _CaseTable,
+        "adjust": _AdjustTable,
+    }
+    return (tables.get(keys[0], _SuiteTable) if len(keys) > 1 else _SuiteTable).model_fields
+
+
+class _Lines:
+    """The lines on which a TOML's keys stand. A key inside an inline table stands where that begins."""
+
+    _HEADER = re.compile(r"\s*(\[\[?)\s*([^\]]+?)\s*\]\]?\s*(?:#.*)?$")
+    _KEY = re.compile(
+        r"""\s*((?:"(?:[^"\\]|\\.)*"|'[^']*'|[\w-]+)(?:\s*\.\s*(?:"[^"]*"|'[^']*'|[\w-]+))*)\s*="""
+    )
+    _PART = re.compile(r"""\s*(?:"((?:[^"\\]|\\.)*)"|'([^']*)'|([\w-]+))\s*\.?""")
+
+    def __init__(self, text: str) -> None:
+        self._lines: dict[tuple[str | int, ...], int] = {(): 1}
+        counts: dict[tuple[str | int, ...], int] = {}
+        table: tuple[str | int, ...] = ()
+        for number, line in enumerate(text.splitlines(), start=1):
+            header = self._HEADER.match(line)
+            if header is not None and "=" not in re.sub(r'"[^"]*"', "", line.split("#")[0]):
+                names = self._parts(header[2])
+                table = ()
+                for index, name in enumerate(names):
+                    table = (*table, name)
+                    if header[1] == "[[" and index == len(names) - 1:
+                        counts[table] = counts.get(table, -1) + 1
+                    if table in counts:
+                        table = (*table, counts[table])
+                self._lines.setdefault(table, number)
+                continue
+            key = self._KEY.match(line)
+            if key is not None:
+                self._lines.setdefault((*table, *self._parts(key[1])), number)
+
+    def _parts(self, dotted: str) -> list[str]:
+        return [next(part for part in found if part) for found in self._PART.findall(dotted) if any(found)]
+
+    def of(self, keys: Sequence[str | int]) -> int:
+        """The line of a key, or of the nearest table around it."""
+        for count in range(len(keys), -1, -1):
+            if tuple(keys[:count]) in self._lines:
+                return self._lines[tuple(keys[:count])]
+        return 1
+
+
+class _Maker:
+    """Makes the cases of one suite."""
+
+    def __init__(
+        self, path: Path, folder: Path, table: _SuiteTable, allow_external: bool, where: Any
+    ) -> None:
+        self._path = path
+        self._folder = Path(os.path.abspath(folder))  # noqa: PTH100  links stay as the user wrote them
+        self._table = table
+        self._allow_external = allow_external
+        self._where = where
+        self._faults: list[str] = []
+
+    def suite(self) -> Suite:
+        """All cases, or all faults."""
+        self._check_names()
+        cases: dict[str, tuple[MaterialCase, int]] = {}
+        for index, table in enumerate(self._table.case):
+            try:
+                for case in self._cases(index, table):
+                    if case.name in cases:
+                        _, other = cases[case.name]
+                        raise _Fault(
+                            ("case", index),
+                            f"the name {case.name} is taken by case {other + 1}: "
+                            'give one of them a `name`, such as name = "{material}-2"',
+                        )
+                    cases[case.name] = (case, index)
+                    if len(cases) > MOST_CASES:
+                        raise _Fault(("case", index, "matrix"), f"more than {MOST_CASES} cases")
+            except _Fault as fault:
+                self._note(fault)
+        for index, adjust in enumerate(self._table.adjust):
+            unused = [p for p in adjust.cases if not any(fnmatchcase(name, p) for name in cases)]
+            if unused and not self._faults:
+                self._note(_Fault(("adjust", index, "cases"), f"no case matches {unused[0]}"))
+        if self._faults:
+            raise SuiteError(list(dict.fromkeys(self._faults)))
+        return Suite(self._path, self._table.title, self._rooted([case for case, _ in cases.values()]))
+
+    def _note(self, fault: _Fault) -> None:
+        self._faults.append(f"{self._where(fault.keys)}: {fault.message}")
+
+    def _check_names(self) -> None:
+        """Names that are given in tables are sound whether or not a case uses them."""
+        checks: list[tuple[str, Iterable[str], Any]] = [
+            ("meshes", self._table.meshes, self._mesh),
+            ("cameras", self._table.cameras, self._camera),
+            ("lights", self._table.lights, lambda name: self._lights([name])),
+            ("environments", self._table.environments, self._environment),
+        ]
+        for kind, names, check in checks:
+            for name in names:
+                try:
+                    check(name)
+                except MrmError as error:
+                    self._note(_Fault((kind, name), str(error)))
+
+    def _cases(self, index: int, table: _CaseTable) -> Iterator[MaterialCase]:
+        here: tuple[str | int, ...] = ("case", index)
+        for axis, values in table.matrix.items():
+            if not axis.startswith(_INPUT) and axis not in _IN_MATRIX:
+                known = [*_IN_MATRIX, f"{_INPUT}NODE/INPUT"]
+                raise _Fault((*here, "matrix", axis), f"unknown axis; {suggestion(axis, known)}")
+            if not values:
+                raise _Fault((*here, "matrix", axis), "an empty list makes no case")
+            if axis in table.model_fields_set or axis.removeprefix(_INPUT) in table.input:
+                raise _Fault((*here, "matrix", axis), "is also given outside of the matrix")
+        count = math.prod(map(len, table.matrix.values()))
+        if count > MOST_CASES:
+            raise _Fault((*here, "matrix"), f"makes {count} cases; at most {MOST_CASES}")
+        if table.element is not None and len(table.element) > 1 and "element" in table.matrix:
+            raise _Fault((*here, "element"), "is also an axis of the matrix")
+        for material, label in self._materials(here, table):
+            for combination in itertools.product(*table.matrix.values()):
+                chosen = dict(zip(table.matrix, combination, strict=True))
+                yield from self._of_elements(here, table, material, label, chosen)
+
+    def _materials(self, here: tuple[str | int, ...], table: _CaseTable) -> Iterator[tuple[str, str]]:
+        """The files that a case names, relative to the suite's folder, and what they are called in names."""
+        for pattern in table.material:
+            try:
+                found = sorted(
+                    name
+                    for name in glob.glob(pattern, root_dir=self._folder, recursive=True)  # noqa: PTH207
+                    if (self._folder / name).is_file()
+                )
+            except (ValueError, OSError, re.error) as error:
+                raise _Fault((*here, "material"), f"{pattern}: {error}") from None
+            if not found:
+                beside = [str(file.relative_to(self._folder)) for file in self._folder.glob("*.mtlx")]
+                beside += [str(file.relative_to(self._folder)) for file in self._folder.glob("*/*.mtlx")]
+                raise _Fault((*here, "material"), f"no file matches {pattern}; {suggestion(pattern, beside)}")
+            fixed = Path(re.split(r"[*?\[]", pattern)[0] + "x").parent if glob.has_magic(pattern) else None
+            for name in found:
+                inner = Path(name).relative_to(fixed) if fixed is not None else Path(Path(name).name)
+                yield name, ".".join(inner.with_suffix("").parts)
+
+    def _of_elements(
+        self,
+        here: tuple[str | int, ...],
+        table: _CaseTable,
+        material: str,
+        label: str,
+        chosen: Mapping[str, Any],
+    ) -> Iterator[MaterialCase]:
+        try:
+            document = self._document(material)
+            known = materials_of(document, material)
+        except MrmError as error:
+            raise _Fault((*here, "material"), str(error)) from None
+        wanted = chosen.get("element", table.element)
+        elements = known if wanted is None else _listed(wanted)
+        for element in elements:
+            if not isinstance(element, str) or document.getDescendant(element) is None:
+                raise _Fault(
+                    (*here, "element"), f"{material} has no {element}; {suggestion(str(element), known)}"
+                )
+            parts = [label]
+            if wanted is not None or len(known) > 1:
+                parts.append(element)
+            yield self._case(here, table, material, element, parts, chosen)
+
+    def _case(
+        self,
+        here: tuple[str | int, ...],
+        table: _CaseTable,
+        material: str,
+        element: str,
+        parts: list[str],
+        chosen: Mapping[str, Any],
+    ) -> MaterialCase:
+        names = {axis: _label(value) for axis, value in chosen.items() if axis != "element"}
+        shown = [
+            f"{axis.rpartition('/')[2]}{text}" if axis.startswith(_INPUT) else text
+            for axis, text in names.items()
+        ]
+        name = _safe("-".join([*parts, *shown]))
+        if table.name is not None:
+            name = self._named(here, table.name, {"material": parts[0], "element": element, **names})
+        if len(name) > LONGEST_NAME:
+            raise _Fault((*here, "name"), f"{name[:40]}… has {len(name)} letters; at most {LONGEST_NAME}")
+        settings = self._settings(here, table, name, chosen)
+        inputs = {
+            **{path: self._value((*here, "input", path), value) for path, value in table.input.items()},
+            **{
+                axis.removeprefix(_INPUT): self._value((*here, "matrix", axis), value)
+                for axis, value in chosen.items()
+                if axis.startswith(_INPUT)
+            },
+        }
+        try:
+            options = self._resolved(settings)
+        except _Fault as fault:
+            keys = self._given_at(here, table, name, chosen, str(fault.keys[0]))
+            raise _Fault(keys, fault.message) from None
+        try:
+            named = [self._checked(material, path, value) for path, value in inputs.items()]
+        except MrmError as error:
+            raise _Fault((*here, "input" if table.input else "matrix"), str(error)) from None
+        truth, reason = self._truth(here, material, element, inputs, settings)
+        return MaterialCase(
+            name=name,
+            root=self._folder,
+            material=material,
+            element=element,
+            inputs=inputs,
+            truth=truth,
+            reason=reason,
+            depends=tuple(dict.fromkeys(itertools.chain(self._depends(material), *named))),
+            allow_external=self._allow_external,
+            **options,
+        )
+
+    def _named(self, here: tuple[str | int, ...], template: str, names: Mapping[str, str]) -> str:
+        """A name from its template: `{material}`, `{element}` and the axes of the matrix."""
+        known = {axis.removeprefix(_INPUT): text for axis, text in names.items()}
+
+        def fill(found: re.Match[str]) -> str:
+            if found[1] not in known:
+                raise _Fault((*here, "name"), f"unknown {found[0]}; {suggestion(found[1], known)}")
+            return known[found[1]]
+
+        return _safe(re.sub(r"\{([^{}]*)\}", fill, template))
+
+    def _adjustments(self, name: str) -> Iterator[tuple[int, _AdjustTable]]:
+        for index, adjust in enumerate(self._table.adjust):
+            if any(fnmatchcase(name, pattern) for pattern in adjust.cases):
+                yield index, adjust
+
+    def _settings(
+        self, here: tuple[str | int, ...], table: _CaseTable, name: str, chosen: Mapping[str, Any]
+    ) -> _Settings:
+        """The defaults, what the case says, its place in the matrix, and what adjusts it, each over the one before."""
+        given: dict[str, Any] = {}
+        for source in (self._table.defaults, table):
+            given |= {key: getattr(source, key) for key in _SETTINGS if getattr(source, key) is not None}
+        for axis, value in chosen.items():
+            if axis in _SETTINGS:
+                try:
+                    given[axis] = getattr(_Settings.model_validate({axis: value}), axis)
+                except pydantic.ValidationError as error:
+                    _, message = next(_faults(error))
+                    raise _Fault((*here, "matrix", axis), message) from None
+        for _, adjust in self._adjustments(name):
+            given |= {key: getattr(adjust, key) for key in _SETTINGS if getattr(adjust, key) is not None}
+        return _Settings.model_construct(**given)
+
+    def _given_at(
+        self,
+        here: tuple[str | int, ...],
+        table: _CaseTable,
+        name: str,
+        chosen: Mapping[str, Any],
+        key: str,
+    ) -> tuple[str | int, ...]:
+        """Where a setting of a case comes from."""
+        for index, adjust in reversed(list(self._adjustments(name))):
+            if getattr(adjust, key) is not None:
+                return ("adjust", index, key)
+        if key in chosen:
+            return (*here, "matrix", key)
+        return (*here, key) if getattr(table, key) is not None else ("defaults", key)
+
+    def _resolved(self, settings: _Settings) -> dict[str, Any]:
+        """A case's fields for its settings."""
+        makers: dict[str, Any] = {
+            "mesh": self._mesh,
+            "camera": self._camera,
+            "light": self._lights,
+            "environment": self._environment,
+            "tolerance": self._tolerance,
+            "mask": self._file,
+        }
+        fields: dict[str, Any] = {"lights": DEFAULT_LIGHTS if settings.environment is None else ()}
+        for key, make in makers.items():
+            value = getattr(settings, key)
+            if value is not None:
+                try:
+                    fields["lights" if key == "light" else key] = make(value)
+                except MrmError as error:
+                    raise _Fault((key,), str(error)) from None
+        if settings.size is not None:
+            fields["size"] = settings.size
+        if settings.time_limit is not None:
+            fields["time_limit"] = settings.time_limit
+        return fields
+
+    def _file(self, name: str) -> str:
+        if not (self._folder / name).is_file():
+            raise MrmError(f"no file {name} beside the suite")
+        return name
+
+    def _mesh(self, name: str) -> str:
+        file = self._table.meshes.get(name, name)
+        if file in BUILT_IN:
+            return file
+        if (self._folder / file).is_file() and Path(file).suffix.lower() in (".obj", ".glb"):
+            return file
+        if name in self._table.meshes or Path(name).suffix:
+            raise MrmError(f"no mesh file {file} (.obj, .glb) beside the suite")
+        raise MrmError(f"unknown mesh {name}; {suggestion(name, [*BUILT_IN, *self._table.meshes])}")
+
+    def _camera(self, name: str) -> Camera | Framing:
+        if name not in self._table.cameras and not re.search(r"[,:]", name):
+            hint = f"{suggestion(name, self._table.cameras)} A camera is {CAMERA_SYNTAX}"
+            raise MrmError(f"unknown camera {name}; {hint}")
+        return parse_camera(self._table.cameras.get(name, name))
+
+    def _lights(self, names: Sequence[str]) -> tuple[Light, ...]:
+        lights: list[Light] = []
+        for name in names:
+            for text in self._table.lights.get(name, [name]):
+                if text != "camera" and ":" not in text:
+                    hint = f"{suggestion(text, self._table.lights)} A light is {LIGHT_SYNTAX}"
+                    raise MrmError(f"unknown light {text}; {hint}")
+                lights.append(parse_light(text))
+        return tuple(lights)
+
+    def _environment(self, name: str) -> EnvironmentMap:
+        given = self._table.environments.get(name, name)
+        table = _EnvironmentTable(map=given) if isinstance(given, str) else given
+        if table.map not in BUILT_IN_ENVIRONMENTS and not (self._folder / table.map).is_file():
+            known = [*BUILT_IN_ENVIRONMENTS, *self._table.environments]
+            raise MrmError(
+                f"no environment {table.map}: not a file beside the suite; {suggestion(name, known)}"
+            )
+        options = {
+            key: getattr(table, key)
+            for key in ("rotation", "intensity", "samples")
+            if getattr(table, key) is not None
+        }
+        return EnvironmentMap(table.map, tuple(options.items()))
+
+    def _tolerance(self, name: str) -> Tolerance:
+        if name not in self._table.tolerances:
+            raise MrmError(f"unknown tolerance {name}; {suggestion(name, self._table.tolerances)}")
+        return Tolerance(**self._table.tolerances[name].model_dump())
+
+    def _value(self, keys: tuple[str | int, ...], value: Any) -> Value:
+        if isinstance(value, bool | str):
+            return value
+        numbers = value if isinstance(value, list) else [value]
+        if not numbers or not all(isinstance(n, int | float) and not isinstance(n, bool) for n in numbers):
+            raise _Fault(
+                keys, f"{value!r} is no value of an input: a number, a list of numbers, text, true or false"
+            )
+        if not all(abs(n) < 3.4e38 for n in numbers):
+            raise _Fault(keys, f"{value!r} is no finite number of 32 bits")
+        return tuple(map(float, value)) if isinstance(value, list) else float(value)
+
+    def _truth(
+        self,
+        here: tuple[str | int, ...],
+        material: str,
+        element: str,
+        inputs: Mapping[str, Value],
+        settings: _Settings,
+    ) -> tuple[Truth, str]:
+        wanted = settings.truth or "auto"
+        try:
+            unknown = self._unknown(material, element, tuple(sorted(inputs.items())))
+        except MrmError as error:
+            raise _Fault((*here, "input" if inputs else "material"), str(error)) from None
+        if settings.environment is not None and not unknown:
+            unknown = "environment light on a whole material has no model"
+        if wanted == "baseline":
+            return "baseline", "the suite says so"
+        if wanted == "physics" and unknown:
+            raise _Fault((*here, "truth"), f'{material}: {unknown}: write truth = "baseline" or "auto"')
+        return ("baseline", unknown) if unknown else ("physics", "the evaluator knows all of its lobes")
+
+    @functools.cache  # noqa: B019  as long as the maker lives
+    def _document(self, material: str) -> mx.Document:
+        document = self._read(material)
+        shadergen.check_document(document, material)
+        return document
+
+    @functools.cache  # noqa: B019
+    def _depends(self, material: str) -> tuple[str, ...]:
+        found = external.files_of(self._folder / material, self._document(material))
+        return tuple(os.path.relpath(path, self._folder) for path in found)
+
+    def _unknown(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
+        """Why the evaluator has no model of a material, or nothing."""
+        return self._unknown_alike(material, element, tuple((path, _alike(value)) for path, value in inputs))
+
+    @functools.cache  # noqa: B019
+    def _checked(self, material: str, path: str, value: Value) -> tuple[str, ...]:
+        """The files that a value of an input names; the value fits the input."""
+        file = self._folder / material
+        document = with_values(self._read(material), {path: value}, material)
+        if not isinstance(value, str):
+            return ()
+        found = external.check_images(document, file, self._allow_external)
+        return tuple(os.path.relpath(each, self._folder) for each in found)
+
+    def _read(self, material: str) -> mx.Document:
+        return shadergen.read_document(self._folder / material, allow_external=self._allow_external)
+
+    @functools.cache  # noqa: B019
+    def _unknown_alike(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
+        try:
+            closure_of(with_values(self._read(material), dict(inputs), material), element)
+        except UnknownClosure as error:
+            return str(error)
+        return ""
+
+    def _rooted(self, cases: list[MaterialCase]) -> tuple[MaterialCase, ...]:
+        """The cases with the folder above all of their files for root."""
+        files = {os.path.normpath(path) for case in cases for path in (*case.sources(), *case.files())}
+        root = Path(os.path.commonpath([self._folder, *(os.path.dirname(file) for file in files)]))  # noqa: PTH120
+        if root == self._folder:
+            return tuple(cases)
+
+        def moved(name: str) -> str:
+            return os.path.relpath(os.path.normpath(self._folder / name), root)
+
+        def moved_case(case: MaterialCase) -> MaterialCase:
+            around = case.environment
+            if around is not None and around.name not in BUILT_IN_ENVIRONMENTS:
+                around = replace(around, name=moved(around.name))
+            return replace(
+                case,
+                root=root,
+                material=moved(case.material),
+                mesh=case.mesh if case.mesh in BUILT_IN else moved(case.mesh),
+                mask=case.mask and moved(case.mask),
+                environment=around,
+                depends=tuple(map(moved, case.depends)),
+                baselines=moved(case.baselines),
+            )
+
+        return tuple(map(moved_case, cases))
+
+
+def materials_of(document: mx.Document, where: str) -> list[str]:
+    """The paths of a document's own materials.
+
+    Raises:
+        MrmError: there is none.
+    """
+    found = [each.getNamePath() for each in document.getMaterialNodes()]
+    if not found:
+        found = [shadergen.find_renderable(document, where, None).getNamePath()]
+    return found
+
+
+def _alike(value: Value) -> Value:
+    """A value for all that make the same closures: 0 and 1 leave parts out, and numbers may be alike (isotropic)."""
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, tuple):
+        return tuple(0.5 if number not in (0.0, 1.0) and number == value[0] else number for number in value)
+    return value if value in (0.0, 1.0) else 0.5
+
+
+def _label(value: Any) -> str:
+    """A value of a matrix as a part of a name."""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, float | int):
+        return f"{value:g}"
+    if isinstance(value, list):
+        return "_".join(_label(each) for each in value)
+    return Path(value).stem if re.search(r"\.\w+$", str(value)) and "," not in str(value) else str(value)
+
+
+def _safe(name: str) -> str:
+    """A name that is fit for a file on any system."""
+    text = re.sub(r"[^\w.+-]+", "_", name, flags=re.ASCII).strip("._")
+    return text or "case"

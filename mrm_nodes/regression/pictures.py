@@ -125,7 +125,8 @@ def _shuffled(values: NDArray[Any]) -> bytes:
 
 def exposure_for(values: ArrayLike) -> float:
     """Whole stops that bring the brightest values, outliers aside, to just below white."""
-    lit = np.asarray(values)[np.asarray(values) > 1e-6]
+    values = np.asarray(values)
+    lit = values[(values > 1e-6) & np.isfinite(values)]
     if lit.size == 0:
         return 0.0
     return float(math.floor(-math.log2(float(np.quantile(lit, BRIGHTEST)))))

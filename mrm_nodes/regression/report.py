@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -9,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import jinja2
+from markupsafe import Markup
 
 from mrm_nodes.regression.cloud import DECADES
 from mrm_nodes.regression.compare import FLOOR, VERDICTS
@@ -17,6 +20,8 @@ from mrm_nodes.regression.outcome import STAGES, Outcome, as_record
 from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
 
 TEMPLATES = Path(__file__).with_name("templates")
+SCRIPTS = ("pixels.js", "wall.js", "case.js", "main.js")
+"""In this order one script of the page."""
 
 
 def summarise(outcomes: Iterable[Outcome], seconds: float) -> dict[str, Any]:
@@ -65,7 +70,11 @@ def write_report(
 
 
 def page(report: Mapping[str, Any]) -> str:
-    """The page of a report as report.json has it."""
+    """The page of a report as report.json has it: style, script and data are inside, pictures and numbers beside it.
+
+    It runs no other script than its own and those of its cases, and can reach no network: its Content-Security-Policy
+    says so.
+    """
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(TEMPLATES),
         autoescape=True,
@@ -73,18 +82,35 @@ def page(report: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters |= {"figure": figure, "share": share, "seconds": show_seconds}
-    cases = report["cases"]
+    heat = {"stops": HEAT_STOPS, "over": HEAT_OVER, "decades": HEAT_DECADES}
+    style = environment.get_template("report.css").render(heat=heat)
+    script = "\n".join((TEMPLATES / name).read_text("utf-8") for name in SCRIPTS)
+    data = {
+        "report": report,
+        "heat": heat,
+        "floor": FLOOR,
+        "stages": STAGES,
+        "decades": DECADES,
+    }
     return environment.get_template("index.html.j2").render(
         report=report,
-        images=[case for case in cases if case["kind"] == "image" and case["verdict"] != "skipped"],
-        clouds=[case for case in cases if case["kind"] == "cloud" and case["verdict"] != "skipped"],
-        skipped=[case for case in cases if case["verdict"] == "skipped"],
-        stages={stage: sum(case["seconds"][stage] for case in cases) for stage in STAGES},
-        heat={"stops": HEAT_STOPS, "over": HEAT_OVER, "decades": HEAT_DECADES},
-        decades=DECADES,
-        floor=FLOOR,
+        style=Markup(style),
+        style_hash=_source_hash(style),
+        script=Markup(script),
+        script_hash=_source_hash(script),
+        data=_json_in_html(data),
     )
+
+
+def _json_in_html(value: Any) -> Markup:
+    """JSON that no text in it can end the element of."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    return Markup(text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e"))
+
+
+def _source_hash(text: str) -> str:
+    """What a Content-Security-Policy knows an inline element by."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
 
 
 def figure(value: float | None) -> str:
@@ -104,8 +130,3 @@ def share(value: float | None) -> str:
     if value >= 10:
         return f"{value:.0f} ×"
     return f"{100 * value:.0f} %" if value >= 0.0095 else f"{100 * value:.1g} %"
-
-
-def show_seconds(value: float) -> str:
-    """A time that a person reads."""
-    return f"{value:.1f} s" if value >= 1 else f"{1000 * value:.0f} ms"

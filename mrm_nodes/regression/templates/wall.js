@@ -1,0 +1,322 @@
+"use strict";
+
+// The page: the head, the filters, the wall of cases, and the tables below it.
+
+// Elements are made of text, never of markup: nothing that a report quotes can become part of the page.
+function el(tag, attributes = {}, ...children) {
+  const element = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (value === null || value === undefined || value === false) continue;
+    if (name.startsWith("on")) element.addEventListener(name.slice(2), value);
+    else if (name.startsWith("--")) element.style.setProperty(name, value);
+    else if (name === "class") element.className = value;
+    else element.setAttribute(name, value === true ? "" : value);
+  }
+  element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined));
+  return element;
+}
+
+const byId = (id) => document.getElementById(id);
+const SIGNS = { pass: "✓", fail: "✕", error: "!", undecided: "?", skipped: "–" };
+const COUNTS = { fail: "failed", error: "errors", undecided: "undecided", pass: "passed", skipped: "skipped" };
+const thousands = (count) => String(count).replace(/\B(?=(\d{3})+$)/g, " ");
+const address = (path) => path.split("/").map(encodeURIComponent).join("/");
+
+function pill(verdict) {
+  return el("span", { class: `pill ${verdict}` }, el("span", { "aria-hidden": "true" }, SIGNS[verdict]), verdict);
+}
+
+function usedBar(share, verdict) {
+  const part = Number.isFinite(share) ? Math.min(100 * share, 100) : 100;
+  return el("span", { class: `bar ${verdict}` }, el("i", { "--share": `${part}%` }));
+}
+
+// Cases: a name is enough to link to one, unless several have it.
+
+const CASES = PAGE.report.cases;
+const sharing = new Map();
+for (const each of CASES) sharing.set(each.name, (sharing.get(each.name) ?? 0) + 1);
+const keyOf = (each) => (sharing.get(each.name) > 1 ? `${each.name}@${each.backend}` : each.name);
+const findCase = (key) =>
+  CASES.find((each) => keyOf(each) === key) ?? CASES.find((each) => each.name === key) ?? null;
+const compared = (each) => each.used !== undefined;
+const totalSeconds = (each) => Object.values(each.seconds).reduce((sum, part) => sum + part, 0);
+
+// The state is in the address, so that a link shows what its sender saw.
+
+const FILTERS = ["verdict", "node", "target", "backend", "truth", "kind"];
+const state = { q: "", sort: "worst", case: null, ...Object.fromEntries(FILTERS.map((name) => [name, ""])) };
+
+function readAddress() {
+  const given = new URLSearchParams(location.hash.slice(1));
+  for (const name of ["q", ...FILTERS]) state[name] = given.get(name) ?? "";
+  state.sort = given.get("sort") ?? "worst";
+  state.case = given.get("case");
+}
+
+function addressOf(changes = {}) {
+  const wanted = { ...state, ...changes };
+  if (wanted.sort === "worst") wanted.sort = "";
+  const query = new URLSearchParams(Object.entries(wanted).filter(([, value]) => value));
+  return `#${query}`;
+}
+
+function go(changes, leaveTrace = false) {
+  const target = addressOf(changes);
+  Object.assign(state, changes);
+  history[leaveTrace ? "pushState" : "replaceState"](null, "", target);
+}
+
+// Which cases are wanted, in which order.
+
+const texts = new Map();
+function textOf(each) {
+  if (!texts.has(each)) {
+    const { name, node, target, backend, truth, verdict, message, setup } = each;
+    texts.set(each, [name, node, target, backend, truth, verdict, message, JSON.stringify(setup)].join("\n").toLowerCase());
+  }
+  return texts.get(each);
+}
+
+const ORDERS = {
+  worst: ["Worst first", null],
+  name: ["By name", (a, b) => (a.name < b.name ? -1 : a.name > b.name ? 1 : 0)],
+  error: ["Largest error first", (a, b) => rank(b.max_rel, b) - rank(a.max_rel, a)],
+  slowest: ["Slowest first", (a, b) => totalSeconds(b) - totalSeconds(a)],
+};
+const rank = (value, each) => (value ?? (compared(each) ? Number.MAX_VALUE : -1));
+const LAST = { skipped: 1 };
+
+function chosen(ignoring = null) {
+  const words = state.q.toLowerCase().split(/\s+/).filter(Boolean);
+  const wanted = CASES.filter(
+    (each) =>
+      FILTERS.every((name) => name === ignoring || !state[name] || each[name] === state[name]) &&
+      words.every((word) => textOf(each).includes(word)),
+  );
+  const order = (ORDERS[state.sort] ?? ORDERS.worst)[1];
+  // The report has them worst first; what was skipped has nothing to show.
+  return wanted.sort(order ?? ((a, b) => (LAST[a.verdict] ?? 0) - (LAST[b.verdict] ?? 0)));
+}
+
+// The wall: cards of one size in rows, of which only those near the window are in the document.
+
+const wall = { element: byId("wall"), cases: [], columns: 1, current: 0, cards: new Map() };
+const CARD = { width: 276, height: 240, gap: 14 };
+const rowHeight = CARD.height + CARD.gap;
+
+function layWall() {
+  const width = wall.element.clientWidth;
+  wall.columns = Math.max(1, Math.floor((width + CARD.gap) / (CARD.width + CARD.gap)));
+  wall.cardWidth = (width - (wall.columns - 1) * CARD.gap) / wall.columns;
+  wall.element.style.height = `${Math.max(0, Math.ceil(wall.cases.length / wall.columns) * rowHeight - CARD.gap)}px`;
+  fillWall();
+}
+
+function fillWall() {
+  const top = -wall.element.getBoundingClientRect().top;
+  const first = Math.max(0, Math.floor(top / rowHeight) - 2) * wall.columns;
+  const last = Math.min(wall.cases.length, (Math.ceil((top + innerHeight) / rowHeight) + 2) * wall.columns);
+  const wanted = new Set();
+  for (let index = first; index < last; index++) wanted.add(index);
+  const focused = [...wall.cards].find(([, card]) => card.contains(document.activeElement))?.[0];
+  if (focused !== undefined) wanted.add(focused);
+  for (const [index, card] of wall.cards) {
+    if (!wanted.has(index)) {
+      card.remove();
+      wall.cards.delete(index);
+    }
+  }
+  const after = [...wall.cards.keys()].sort((a, b) => a - b);
+  for (const index of [...wanted].sort((a, b) => a - b)) {
+    let card = wall.cards.get(index);
+    if (!card) {
+      card = makeCard(wall.cases[index], index);
+      const next = after.find((other) => other > index);
+      wall.element.insertBefore(card, next === undefined ? null : wall.cards.get(next));
+      wall.cards.set(index, card);
+    }
+    const column = index % wall.columns;
+    card.style.width = `${wall.cardWidth}px`;
+    card.style.transform = `translate(${column * (wall.cardWidth + CARD.gap)}px, ${Math.floor(index / wall.columns) * rowHeight}px)`;
+    card.firstChild.tabIndex = index === wall.current ? 0 : -1;
+  }
+}
+
+function makeCard(each, index) {
+  const pictures = ["render", "error"].filter((name) => each.files[name]);
+  const alt = { render: `Render of ${each.name}`, error: `Error of ${each.name}` };
+  const thumbs = pictures.length
+    ? pictures.map((name) => el("img", { loading: "lazy", decoding: "async", src: address(each.files[name]), alt: alt[name] }))
+    : el("p", { class: `words ${each.verdict}` }, el("span", {}, each.message || decadesInWords(each) || "No pictures."));
+  return el(
+    "article",
+    { class: "card", role: "listitem", "aria-posinset": index + 1, "aria-setsize": wall.cases.length },
+    el(
+      "a",
+      { href: addressOf({ case: keyOf(each) }), "data-index": index },
+      el("div", { class: "thumbs" }, thumbs),
+      el(
+        "div",
+        { class: "about" },
+        el("b", { title: each.name }, each.name),
+        el("small", {}, [each.node, each.target, each.backend, each.truth === "physics" ? null : each.truth].filter(Boolean).join(" · ")),
+        el("div", { class: "foot" }, pill(each.verdict), ...(compared(each) ? [usedBar(each.used, each.verdict), el("span", { class: "number" }, share(each.used))] : [])),
+      ),
+    ),
+  );
+}
+
+function decadesInWords(each) {
+  if (!each.details.decades) return "";
+  const parts = each.details.decades.map(
+    ({ alpha, film, max_used, p999_used }) =>
+      `alpha ${alpha[0]}–${alpha[1]}${film ? ", film" : ""}: ${share(Math.max(max_used ?? Infinity, p999_used ?? Infinity))}`,
+  );
+  return `${thousands(each.setup.configurations)} configurations. ${parts.join("; ")}.`;
+}
+
+function showWall() {
+  wall.cases = chosen();
+  wall.current = Math.max(0, Math.min(wall.current, wall.cases.length - 1));
+  wall.element.replaceChildren();
+  wall.cards.clear();
+  layWall();
+  byId("none").hidden = wall.cases.length > 0;
+  byId("none-why").textContent = CASES.length ? "No case matches these filters." : "The run has no cases.";
+  byId("clear").hidden = !CASES.length;
+  byId("shown").textContent = `${thousands(wall.cases.length)} of ${thousands(CASES.length)}`;
+  showFilters();
+}
+
+function moveTo(index) {
+  if (!wall.cases.length) return;
+  wall.current = Math.max(0, Math.min(index, wall.cases.length - 1));
+  const top = wall.element.getBoundingClientRect().top + scrollY + Math.floor(wall.current / wall.columns) * rowHeight;
+  const bar = byId("filters");
+  const covered = getComputedStyle(bar).position === "sticky" ? bar.offsetHeight + 8 : 8;
+  if (top < scrollY + covered) scrollTo({ top: top - covered });
+  else if (top + CARD.height > scrollY + innerHeight) scrollTo({ top: top + CARD.height - innerHeight + 12 });
+  fillWall();
+  wall.cards.get(wall.current).firstChild.focus({ preventScroll: true });
+}
+
+// The filters; a choice that would change nothing is not offered.
+
+function makeFilters() {
+  for (const name of FILTERS.slice(1)) {
+    const values = [...new Set(CASES.map((each) => each[name]))].sort();
+    const select = byId(`filter-${name}`);
+    select.replaceChildren(el("option", { value: "" }, `Every ${name}`), ...values.map((value) => el("option", { value }, value)));
+    select.hidden = values.length < 2;
+    select.addEventListener("change", () => change({ [name]: select.value }));
+  }
+  const sort = byId("sort");
+  sort.replaceChildren(...Object.entries(ORDERS).map(([value, [words]]) => el("option", { value }, words)));
+  sort.addEventListener("change", () => change({ sort: sort.value }));
+  byId("search").addEventListener("input", (event) => change({ q: event.target.value }));
+  byId("clear").addEventListener("click", () => change({ q: "", ...Object.fromEntries(FILTERS.map((name) => [name, ""])) }));
+  const counts = new Map();
+  for (const each of CASES) counts.set(each.verdict, (counts.get(each.verdict) ?? 0) + 1);
+  for (const [verdict, words] of Object.entries(COUNTS)) {
+    const count = counts.get(verdict) ?? 0;
+    if (!count && !["pass", "fail"].includes(verdict)) continue;
+    byId("verdicts").append(
+      el(
+        "button",
+        { class: `tile ${count ? verdict : ""}`, "data-verdict": verdict, "aria-pressed": "false", disabled: !count,
+          onclick: () => change({ verdict: state.verdict === verdict ? "" : verdict }) },
+        el("b", {}, thousands(count)),
+        el("span", {}, `${SIGNS[verdict]} ${words}`),
+      ),
+    );
+    if (count) byId("spread").append(el("i", { class: verdict, "--count": count }));
+  }
+  const worst = CASES.filter(compared).reduce((most, each) => Math.max(most, each.used ?? Infinity), -1);
+  const facts = [[seconds(PAGE.report.summary.seconds), "in all"]];
+  if (worst >= 0) facts.unshift([share(worst), "of its bound, at worst"]);
+  byId("verdicts").append(...facts.map(([value, words]) => el("div", { class: "tile" }, el("b", {}, value), el("span", {}, words))));
+}
+
+function showFilters() {
+  for (const name of FILTERS.slice(1)) byId(`filter-${name}`).value = state[name];
+  byId("sort").value = state.sort in ORDERS ? state.sort : "worst";
+  if (byId("search").value !== state.q) byId("search").value = state.q;
+  for (const tile of document.querySelectorAll("[data-verdict]")) {
+    tile.setAttribute("aria-pressed", String(tile.dataset.verdict === state.verdict));
+  }
+}
+
+function change(changes) {
+  go(changes);
+  wall.current = 0;
+  showWall();
+}
+
+// Below the wall.
+
+function makeTables() {
+  const { environment } = PAGE.report;
+  const partial = environment.partial;
+  if (partial) {
+    byId("partial").hidden = false;
+    const why = typeof partial === "string" ? partial : Object.entries(partial).map(([name, value]) => `${name}: ${value}`).join(", ");
+    byId("partial").append(el("b", {}, "This run did not finish. "), why);
+  }
+  const skipped = new Map();
+  for (const each of CASES) {
+    if (each.verdict !== "skipped") continue;
+    const key = `${each.backend}: ${each.message}`;
+    skipped.set(key, (skipped.get(key) ?? 0) + 1);
+  }
+  byId("skips").hidden = !skipped.size;
+  for (const [key, count] of skipped) byId("skips").append(el("div", {}, `${thousands(count)} skipped on ${key}`));
+
+  const clouds = CASES.filter((each) => each.details.decades);
+  byId("clouds").hidden = !clouds.length;
+  const heads = PAGE.decades.map(([low, high]) => el("th", { scope: "col" }, `alpha ${low} … ${high}`));
+  byId("cloud-table").append(
+    el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Cloud"), el("th", { scope: "col" }, "Verdict"), heads)),
+    el("tbody", {}, clouds.map((each) => el("tr", {}, cloudHead(each), el("td", {}, pill(each.verdict), el("br"), el("span", { class: "quiet" }, each.backend)), PAGE.decades.map(([low]) => el("td", {}, decadesOf(each, low)))))),
+  );
+
+  const stages = PAGE.stages.map((stage) => [stage, CASES.reduce((sum, each) => sum + (each.seconds[stage] ?? 0), 0)]);
+  const rows = [["time by stage", stages.map(([stage, time]) => `${stage} ${seconds(time)}`).join(", ")], ...flatten(environment, ["gallery", "partial"])];
+  byId("environment").append(...rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "number" }, value))));
+
+  const gallery = environment.gallery ?? [];
+  byId("gallery").hidden = !gallery.length;
+  byId("scenes").append(
+    ...gallery.map(({ title, caption, image }) =>
+      el("figure", {}, el("img", { loading: "lazy", src: address(image), alt: title }), el("figcaption", {}, el("b", {}, title), caption ? ` ${caption}` : ""))),
+  );
+}
+
+function cloudHead(each) {
+  return el("td", {}, el("a", { href: addressOf({ case: keyOf(each) }) }, el("b", {}, each.node)), el("br"),
+    el("span", { class: "quiet" }, `${each.setup.distribution}, ${each.setup.masking} · ${thousands(each.setup.configurations)}`));
+}
+
+function decadesOf(each, low) {
+  return each.details.decades
+    .filter(({ alpha }) => alpha[0] === low)
+    .map(({ max_rel, p999_rel, max_used, p999_used, film }) => {
+      const used = Math.max(max_used ?? Infinity, p999_used ?? Infinity);
+      return [
+        el("div", { class: "decade number" }, el("span", {}, figure(max_rel)), el("span", {}, figure(p999_rel)),
+          el("span", { class: "quiet" }, share(used)), el("span", { class: "quiet" }, film ? "film" : "")),
+        usedBar(used, used <= 1 ? "pass" : "fail"),
+      ];
+    });
+}
+
+function flatten(tree, without = []) {
+  return Object.entries(tree)
+    .filter(([name]) => !without.includes(name))
+    .flatMap(([name, value]) => (value !== null && typeof value === "object" && !Array.isArray(value) ? flatten(value) : [[name, words(value)]]));
+}
+
+function words(value) {
+  if (Array.isArray(value)) return value.map(words).join(", ");
+  return value !== null && typeof value === "object" ? JSON.stringify(value) : String(value);
+}

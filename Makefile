@@ -1,7 +1,7 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
-# make clients   the same nodes in other releases of MaterialX, its own tools and its own renderer
+# make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
 # make lint      check types, lint and format
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.

@@ -11,9 +11,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import MaterialX as mx
+import MaterialX.PyMaterialXGenGlsl as mx_gen_glsl
+import MaterialX.PyMaterialXGenShader as mx_gen_shader
+import numpy as np
 import pytest
 
-from mrm_nodes import compilers, library, shadergen
+import mrm_nodes
+from mrm_nodes import compilers, doctor, library, shadergen
 from mrm_nodes.errors import MrmError
 from mrm_nodes.host import Host, read_host
 from mrm_nodes.regression import material, reference_image
@@ -89,6 +93,7 @@ def test_the_rules_are_read_from_the_folder_not_from_the_version(newer: Path) ->
     assert library.host().compensation == "materialx-1.39.6"
 
 
+@pytest.mark.client("the rules of MaterialX 1.39.6 in its `libraries`: {target}")
 @pytest.mark.parametrize("target", ["essl", "vulkan", "wgsl", "msl", "slang"])
 @pytest.mark.parametrize("node", material.NODES)
 def test_beside_the_next_materialx_our_nodes_compile(newer: Path, node: str, target: str) -> None:
@@ -100,6 +105,19 @@ def test_beside_the_next_materialx_our_nodes_compile(newer: Path, node: str, tar
     if check.status == "upstream":
         pytest.xfail(f"upstream: {check.complaints[0]}")
     assert check.status == "compiled", check
+
+
+def test_a_checkout_loaded_by_its_folder_compiles_there_with_the_former_rule(
+    newer: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """GLSL cannot ask which functions there are; `install` and `library_path` can, and doctor says so."""
+    path = mx.FileSearchPath(str(newer.parent))
+    path.append(mx.FilePath(str(library.root_path())))
+    shader = generated_by_materialx(path, ["libraries", "mtlx/mrm"], "libraries")
+    assert "#define MRM_COMPENSATION_BY_AVERAGE_FRESNEL 0" in shader.pixel
+    assert compilers.check_shader(shader).status in ("compiled", "unchecked")
+    doctor.examine()
+    assert "loaded by its folder" in " ".join(capsys.readouterr().out.split())
 
 
 def test_installed_into_the_next_materialx_they_follow_its_rule(newer: Path) -> None:
@@ -211,6 +229,66 @@ def test_a_list_of_files_cannot_point_out_of_the_installation(tmp_path: Path) ->
     assert outside.is_file()
 
 
+# ---- programs that load libraries through MaterialX's own interface
+
+
+def generated_by_materialx(path: mx.FileSearchPath, libraries: list[str], prefix: str) -> shadergen.Shader:
+    """The traffic cone in GLSL, with no help of ours: what a search path, its folders and a prefix give."""
+    loaded, document = mx.createDocument(), mx.createDocument()
+    mx.loadLibraries(libraries, path, loaded)
+    mx.readFromXmlFile(document, str(library.materials_path() / "traffic_cone.mtlx"))
+    document.setDataLibrary(loaded)
+    generator = mx_gen_glsl.GlslShaderGenerator.create()
+    context = mx_gen_shader.GenContext(generator)
+    context.registerSourceCodeSearchPath(path)
+    context.getOptions().libraryPrefix = mx.FilePath(prefix)
+    shader = generator.generate("shader", document.getMaterialNodes()[0], context)
+    sources = (shader.getSourceCode(stage) for stage in ("vertex", "pixel"))
+    return shadergen.Shader("traffic_cone", "glsl", *sources, shader, document, path)
+
+
+@pytest.mark.client("dropped in, {prefix}")
+@pytest.mark.parametrize(
+    "prefix",
+    ["search path above `libraries`, default prefix", "search path `libraries`, no prefix (as USD's Hydra)"],
+)
+def test_dropped_in_a_program_that_loads_the_whole_folder_has_them(tmp_path: Path, prefix: str) -> None:
+    libraries = Path(shutil.copytree(library.own_libraries(), tmp_path / "libraries"))
+    library.install(libraries)
+    folders = [folder.name for folder in libraries.iterdir() if folder.is_dir()]
+    if "no prefix" in prefix:
+        shader = generated_by_materialx(mx.FileSearchPath(str(libraries)), folders, "")
+    else:
+        names = [f"libraries/{name}" for name in folders]
+        shader = generated_by_materialx(mx.FileSearchPath(str(tmp_path)), names, "libraries")
+    assert "mrm_microfacet(" in shader.pixel
+    assert compilers.check_shader(shader).status == "compiled"
+
+
+@pytest.mark.client("not dropped in, `mrm_nodes.search_path()`")
+def test_not_dropped_in_our_search_path_is_enough() -> None:
+    shader = generated_by_materialx(library.search_path(), ["libraries", "mtlx/mrm"], "libraries")
+    assert "mrm_microfacet(" in shader.pixel
+    assert compilers.check_shader(shader).status == "compiled"
+
+
+# ---- the renderer here, with this release's nodes
+
+
+@pytest.mark.client("renders: the evaluator's image")
+@pytest.mark.parametrize("node", material.NODES)
+def test_the_nodes_agree_with_the_evaluator(node: str) -> None:
+    shader = shadergen.generate_shader(material.document(node, attributes=attributes_of(node)))
+    assert run_cloud(Cloud(node, configurations=100_000), shared_renderer(), shader).verdict == "pass"
+
+
+def test_a_material_of_materialx_own_is_no_nan_where_nothing_but_a_lamp_shines() -> None:
+    """Its environment function divides by the number of samples, up to 1.39.4."""
+    picture = mrm_nodes.render(material.document("conductor_bsdf"), lights=["camera"], size=(32, 32))
+    assert np.isfinite(picture.image).all()
+    assert picture.image.max() > 0
+
+
 # ---- MaterialX's own tools, unchanged
 
 
@@ -241,10 +319,12 @@ def generates_our_nodes(*options: str | Path, output: Path, python_path: Path | 
     return any("mrm_microfacet(" in file.read_text() for file in output.iterdir())
 
 
+@pytest.mark.client("dropped in, `generateshader`")
 def test_dropped_in_generateshader_needs_no_option(dropped_in: Path, tmp_path: Path) -> None:
     assert generates_our_nodes(output=tmp_path / "out", python_path=dropped_in)
 
 
+@pytest.mark.client("not dropped in, `generateshader --path … --library`")
 def test_not_dropped_in_generateshader_takes_our_folder_as_a_library(tmp_path: Path) -> None:
     # The tool looks for sources on --path only, so that MaterialX's own folder is named too.
     checkout, own = library.root_path(), library.own_libraries().parent
@@ -257,6 +337,7 @@ def library_name() -> str:
     return (library.root_path() / "mtlx").relative_to(library.root_path()).as_posix()
 
 
+@pytest.mark.client("dropped in, `mxdoc`")
 def test_dropped_in_mxdoc_documents_every_input(dropped_in: Path) -> None:
     definitions = dropped_in / "MaterialX" / "libraries" / "mrm" / "mtlx" / "mrm" / "mrm_defs.mtlx"
     printed = run_tool("mxdoc", definitions, python_path=dropped_in)
@@ -266,6 +347,7 @@ def test_dropped_in_mxdoc_documents_every_input(dropped_in: Path) -> None:
             assert f"| **{name}** |" in printed
 
 
+@pytest.mark.client("dropped in, `mxvalidate`")
 def test_dropped_in_mxvalidate_finds_nothing_wrong(dropped_in: Path, tmp_path: Path) -> None:
     """The tool exits with 0 whatever it finds: what it prints counts."""
     for stem, name, verdict in (("right", "retroreflectivity", "a valid"), ("wrong", "retro", "not a valid")):

@@ -10,8 +10,6 @@ import tempfile
 from pathlib import Path
 
 import MaterialX as mx
-import MaterialX.PyMaterialXGenGlsl as mx_gen_glsl
-import MaterialX.PyMaterialXGenShader as mx_gen_shader
 import pytest
 
 import mrm_nodes
@@ -93,6 +91,7 @@ def test_retroreflectivity_is_a_varying_float_that_is_off_by_default(node: str):
     assert (weight.getType(), weight.getValue(), weight.getIsUniform()) == ("float", 0.0, False)
 
 
+@pytest.mark.client("loads, and is valid")
 def test_the_loaded_library_is_valid():
     assert mrm_nodes.load_library().validate() == (True, "")
 
@@ -159,23 +158,6 @@ def test_after_install_materialx_s_own_tool_generates_the_nodes(libraries: Path,
     assert sources, printed
     if target in ("glsl", "essl", "vulkan", "msl"):
         assert any("mrm_microfacet(" in source for source in sources)
-
-
-@pytest.mark.parametrize("prefix", ["libraries", ""], ids=["as viewers load it", "as USD loads it"])
-def test_a_client_that_loads_the_whole_folder_has_them(libraries: Path, prefix: str):
-    install(libraries)
-    path = mx.FileSearchPath(str(libraries.parent if prefix else libraries))
-    folders = [folder.name for folder in libraries.iterdir() if folder.is_dir()]
-    library, document = mx.createDocument(), mx.createDocument()
-    mx.loadLibraries([f"{prefix}/{name}" if prefix else name for name in folders], path, library)
-    mx.readFromXmlFile(document, str(materials_path() / "road_paint.mtlx"))
-    document.setDataLibrary(library)
-    generator = mx_gen_glsl.GlslShaderGenerator.create()
-    context = mx_gen_shader.GenContext(generator)
-    context.registerSourceCodeSearchPath(path)
-    context.getOptions().libraryPrefix = mx.FilePath(prefix)
-    shader = generator.generate("shader", document.getMaterialNodes()[0], context)
-    assert "mrm_microfacet(" in shader.getSourceCode("pixel")
 
 
 def test_before_install_the_tool_does_not_know_them(tmp_path: Path):

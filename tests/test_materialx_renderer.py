@@ -37,6 +37,7 @@ def write_obj(mesh: Mesh, file: Path) -> None:
     file.write_text("\n".join(lines) + "\n")
 
 
+@pytest.mark.client("MaterialX's own `GlslRenderer`: the same image")
 @pytest.mark.parametrize(
     ("node", "values"),
     [

@@ -94,6 +94,7 @@ def test_every_configuration_compiles_with_its_values_folded(node: str, mode: st
     compiles(every_configuration(node, mode), target, is_large=True, interface="reduced")
 
 
+@pytest.mark.client("{target}")
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("node", NODES)
 def test_a_node_compiles_with_every_input_a_uniform(node: str, target: str) -> None:

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from mrm_nodes.commands.baseline import baseline
+from mrm_nodes.commands.options import external_option
 from mrm_nodes.commands.regress import merge, regress
 from mrm_nodes.commands.suite import suite
 from mrm_nodes.errors import MrmError, MrmWarning
@@ -80,6 +82,7 @@ def doctor(backend: str) -> int:
     return examine(backend)
 
 
+cli.add_command(baseline)
 cli.add_command(regress)
 cli.add_command(suite)
 cli.add_command(merge)
@@ -110,6 +113,7 @@ cli.add_command(merge)
 @click.option("--size", default="512x512", show_default=True, metavar="WxH", help="Pixels.")
 @click.option("--element", help="Material to render, where the file has several.")
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+@external_option
 def render(
     file: Path,
     output: Path,
@@ -122,6 +126,7 @@ def render(
     size: str,
     element: str | None,
     backend: str,
+    allow_external: bool,
 ) -> None:
     """Render a material on a mesh."""
     from mrm_nodes.regression.files import prepare_folder
@@ -140,7 +145,7 @@ def render(
     around = None if environment is None else find_environment(environment, **options)
     prepare_folder(output.parent)
     rendered = render_material(
-        generate_shader(file, element=element),
+        generate_shader(file, element=element, allow_external=allow_external),
         mesh=mesh,
         camera=camera,
         lights=lights or (() if around else ("camera",)),
@@ -168,6 +173,7 @@ def render(
 )
 @click.option("--check", is_flag=True, help="Compile what is generated, and print a table.")
 @click.option("--strict", is_flag=True, help="Stop where the target ignores an input that the material sets.")
+@external_option
 def generate(
     file: Path,
     target: str | None,
@@ -177,6 +183,7 @@ def generate(
     libraries: Path | None,
     check: bool,
     strict: bool,
+    allow_external: bool,
 ) -> int:
     """Generate a material's shader code and print the files written, or check it with compilers."""
     from mrm_nodes import shadergen
@@ -186,9 +193,13 @@ def generate(
     if folder is None and not check:
         raise MrmError("name a folder for the shader's files with -o, or say --check")
     targets = shadergen.supported_targets() if target is None else [target]
-    document = shadergen.read_document(file, libraries)
+    document = shadergen.read_document(file, libraries, allow_external)
     _say_what_is_ignored(document, file, targets, environment, libraries, strict)
-    options: dict[str, Any] = {"environment": environment, "libraries": libraries}
+    options: dict[str, Any] = {
+        "environment": environment,
+        "libraries": libraries,
+        "allow_external": allow_external,
+    }
     if folder is not None:
         from mrm_nodes.regression.files import prepare_folder
 

@@ -89,8 +89,7 @@ def _candidates(name: str, *folders: Path) -> list[Path]:
 
 
 def _search_folders() -> list[Path]:
-    path = library.search_path()
-    return [Path(path[index].asString()) for index in range(path.size())]
+    return [Path(folder) for folder in library.search_path().asString().split(os.pathsep) if folder]
 
 
 def _check_inside(file: Path, name: str, where: str, folder: Path, allow_external: bool) -> None:

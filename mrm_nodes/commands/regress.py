@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from mrm_nodes.commands.options import external_option
 from mrm_nodes.errors import MrmError
 
 FAILED = 1
@@ -36,7 +37,13 @@ def parse_shard(context: object, parameter: object, text: str | None) -> tuple[i
     show_default=True,
     help="Folder of the report.",
 )
-@click.option("--suite", default="default", show_default=True, help="Which suite to run.")
+@click.option(
+    "--suite",
+    default="default",
+    show_default=True,
+    help="A suite's .toml file, a folder of .mtlx files, or default: the nodes' own.",
+)
+@external_option
 @click.option(
     "--backend", default="auto", show_default=True, help="egl, osmesa, auto (the first that works) or all."
 )
@@ -93,6 +100,7 @@ def regress(
     no_cache: bool,
     shard: tuple[int, int],
     address: str | None,
+    allow_external: bool,
 ) -> int:
     """Render the suite, compare each pixel with the evaluator, and write report.json and index.html.
 
@@ -102,7 +110,7 @@ def regress(
     from mrm_nodes.regression import cache, cluster, suites, terminal
     from mrm_nodes.regression.run import run_suite
 
-    tasks = suites.choose(suites.suite(suite, configurations), expression)
+    tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
     known = None if no_cache else cache.Cache(cache_folder or cache.default_folder())
     try:
         with contextlib.ExitStack() as stack:

@@ -6,15 +6,10 @@ from pathlib import Path
 
 import click
 
+from mrm_nodes.commands.options import external_option
 from mrm_nodes.errors import MrmError
 
 AT_FAULT = 2
-
-_external = click.option(
-    "--allow-external",
-    is_flag=True,
-    help="Let materials read files outside of their folder and the search path.",
-)
 
 
 @click.group()
@@ -24,7 +19,7 @@ def suite() -> None:
 
 @suite.command()
 @click.argument("file", type=Path)
-@_external
+@external_option
 def check(file: Path, allow_external: bool) -> int:
     """Say what is wrong with a suite, one line for each fault, or how many cases it has."""
     from mrm_nodes.regression.suitefile import SuiteError, load
@@ -47,7 +42,7 @@ def check(file: Path, allow_external: bool) -> int:
 @click.option(
     "--filter", "expression", metavar="EXPR", help="Only cases whose name has this part or pattern."
 )
-@_external
+@external_option
 def list_cases(file: Path, expression: str | None, allow_external: bool) -> None:
     """Print a suite's cases, what each is compared with, and why."""
     from rich.console import Console

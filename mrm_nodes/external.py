@@ -89,7 +89,8 @@ def _candidates(name: str, *folders: Path) -> list[Path]:
 
 
 def _search_folders() -> list[Path]:
-    return [Path(folder) for folder in library.search_path().asString().split(os.pathsep) if folder]
+    paths = (library.search_path(), mx.getEnvironmentPath())
+    return [Path(folder) for path in paths for folder in path.asString().split(os.pathsep) if folder]
 
 
 def _check_inside(file: Path, name: str, where: str, folder: Path, allow_external: bool) -> None:

@@ -341,14 +341,19 @@ def bench() -> None:
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
 @click.option("--size", type=click.IntRange(16, 4096), default=256, show_default=True, help="Pixels a side.")
 @click.option("--rounds", type=click.IntRange(3, 1000), default=21, show_default=True, help="Frames of each.")
+@click.option("--surfaces", is_flag=True, help="Time the whole surfaces instead of the nodes.")
 @click.option("-o", "--output", type=Path, help="JSON file to write too.")
-def shader(backend: str, size: int, rounds: int, output: Path | None) -> None:
+def shader(backend: str, size: int, rounds: int, surfaces: bool, output: Path | None) -> None:
     """Time the blended nodes beside MaterialX's own node (a) and its mix of two (b)."""
     import json
 
     from mrm_nodes import bench as shader_bench
     from mrm_nodes.regression.files import write_text
 
+    if surfaces:
+        from mrm_nodes.bench_surfaces import print_table
+
+        return print_table(backend, size, rounds, output)
     machine = shader_bench.describe_machine(backend)
     for what, value in machine.items():
         click.echo(f"{what:<10} {value}")

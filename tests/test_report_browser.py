@@ -1,0 +1,618 @@
+"""The report in a real browser, from a disk: what the slider, the probe, the filters and the keys show."""
+
+from __future__ import annotations
+
+import base64
+import os
+import re
+import tempfile
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from mrm_nodes.regression.cases import default_suite
+from mrm_nodes.regression.cloud import DECADES, Cloud
+from mrm_nodes.regression.compare import VERDICTS
+from mrm_nodes.regression.outcome import Outcome, outcome_of
+from mrm_nodes.regression.pictures import write_pictures
+from mrm_nodes.regression.report import figure, share, write_report
+from mrm_nodes.regression.tolerance import Tolerance, compare_images
+from mrm_nodes.render.images import read_image
+from mrm_nodes.render.webgl import INSTALL, find_browser
+
+MISSING = INSTALL
+try:
+    from playwright.sync_api import Page, expect, sync_playwright
+
+    if find_browser() is not None:
+        MISSING = ""
+except ImportError:
+    MISSING = "the report's page is tested through playwright: pip install 'mrm-nodes[targets]'"
+if MISSING:
+    assert "essl" not in os.environ.get("MRM_REQUIRE_COMPILERS", "").split(","), MISSING
+    pytest.skip(MISSING, allow_module_level=True)
+
+SIZE = 32
+ENVIRONMENT = {
+    "date": "2026-07-01 12:00 UTC",
+    "backends": {"egl": "llvmpipe, OpenGL 4.5"},
+    "versions": {"mrm-nodes": "0.1.0"},
+}
+SOURCE = '<materialx version="1.39"><!-- </script><img src=x onerror="document.title=1"> --></materialx>'
+EVIL = "</script><script>document.title='taken'</script><img src=x onerror=\"document.title='taken'\">"
+
+
+def images(wrong: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Render, reference and mask; left half red, right half dark blue, one pixel wrong, a border without mesh."""
+    rng = np.random.default_rng(7)
+    reference = rng.uniform(0.2, 0.6, (SIZE, SIZE, 3)) * np.array([1.0, 0.1, 0.05])
+    reference[:, SIZE // 2 :] = 0.02 * rng.uniform(0.5, 1.0, (SIZE, SIZE // 2, 3)) * np.array([0.0, 0.3, 1.0])
+    image = (reference * (1 + 1e-6)).astype(np.float32)
+    image[10, 20] *= np.float32(1 + wrong)
+    mask = np.zeros((SIZE, SIZE), bool)
+    mask[2:-2, 2:-2] = True
+    return image, reference, mask
+
+
+def compared(folder, name: str, wrong: float, tolerance: Tolerance) -> dict:
+    place = folder / "cases" / "egl" / name
+    place.mkdir(parents=True)
+    image, reference, mask = images(wrong)
+    found = compare_images(image, reference, mask, tolerance)
+    written = write_pictures(place, image, reference, mask, found.used, found.flip, SOURCE)
+    return {
+        "verdict": found.verdict,
+        "figures": found.figures,
+        "tolerance": tolerance.asked(),
+        "files": {
+            key: f"cases/egl/{name}/{file}" if isinstance(file, str) else file
+            for key, file in written.items()
+        },
+    }
+
+
+def outcomes(folder) -> list[Outcome]:
+    """Every verdict; the names hold what a path or a page might trip over."""
+    cases = default_suite()
+    made = [
+        ("fails #1 100%", compared(folder, "fails #1 100%", 3e-3, Tolerance(max_rel=1e-3, flip=0.1)), {}),
+        ("passes", compared(folder, "passes", 0.0, Tolerance(max_rel=1e-3)), {}),
+        ("passes too", compared(folder, "passes too", 1e-4, Tolerance(max_rel=1e-3)), {"truth": "baseline"}),
+        ("breaks", {"verdict": "error", "message": EVIL}, {}),
+        ("is noise", {"verdict": "undecided", "message": "within the standard error"}, {}),
+        (
+            "is left out",
+            {"verdict": "skipped", "message": "libOSMesa is not installed"},
+            {"backend": "osmesa"},
+        ),
+    ]
+    told = []
+    for (name, known, others), case in zip(made, cases, strict=False):
+        outcome = outcome_of(case, "egl", **known)
+        outcome.name = name
+        told.append(replace(outcome, **others))
+    decades = [
+        {"alpha": list(alpha), "film": film, "max_rel": 1e-4, "p999_rel": 1e-5, "max_used": 0.3, "p999_used": 0.2}
+        for alpha in DECADES for film in (False, True)
+    ]  # fmt: skip
+    cloud = Cloud("mrm_dielectric_bsdf", configurations=60_000)
+    told.append(
+        outcome_of(cloud, "egl", "pass", figures=told[1].figures, details={"decades": decades, "worst": {"used": 0.3}})
+    )  # fmt: skip
+    return told
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("a report")
+    write_report(folder, ENVIRONMENT, outcomes(folder), 12.5)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=find_browser(), args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+class Opened:
+    """A page, with everything that it complained about."""
+
+    def __init__(self, browser, folder, fragment="", **context):
+        self.context = browser.new_context(**{"viewport": {"width": 1400, "height": 900}, **context})
+        self.page: Page = self.context.new_page()
+        self.complaints: list[str] = []
+        self.asked: list[str] = []
+        self.page.on("console", self._listen)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.goto((folder / "index.html").as_uri() + fragment)
+        self.page.wait_for_selector("html[data-ready]")
+
+    def _listen(self, message) -> None:
+        if message.type == "error":
+            self.complaints.append(message.text)
+
+
+@pytest.fixture
+def opened(browser, folder):
+    """Opens the report; a page that complains, or that asks for more than files, fails its test."""
+    pages = []
+
+    def open_page(fragment="", of=folder, **context):
+        pages.append(Opened(browser, of, fragment, **context))
+        return pages[-1].page
+
+    yield open_page
+    for each in pages:
+        assert each.complaints == []
+        assert [url for url in each.asked if not url.startswith("file://")] == []
+        assert "taken" not in each.page.title()
+        each.context.close()
+
+
+def names(page: Page) -> list[str]:
+    return page.locator(".card b").all_text_contents()
+
+
+def open_case(page: Page, name: str) -> None:
+    page.locator(".card a", has=page.get_by_text(name, exact=True)).click()
+    page.wait_for_selector("#layer-map canvas")
+
+
+def canvas(page: Page, layer: str) -> np.ndarray:
+    """The pixels of a canvas, `(h, w, 4)` 8 bits."""
+    text = page.evaluate(
+        """(id) => {
+          const canvas = document.querySelector(`#${id} canvas`);
+          const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+          return btoa(Array.from(data, (byte) => String.fromCharCode(byte)).join(""));
+        }""",
+        layer,
+    )
+    return np.frombuffer(base64.b64decode(text), np.uint8).reshape(SIZE, SIZE, 4)
+
+
+def seen(page: Page, selector: str = "#frame-render") -> np.ndarray:
+    """What the screen shows of an element: RGB, `(h, w, 3)`, 0 to 255."""
+    png = page.locator(selector).screenshot()
+    with tempfile.NamedTemporaryFile(suffix=".png") as file:
+        file.write(png)
+        file.flush()
+        return np.rint(255 * read_image(file.name)[..., :3]).astype(int)
+
+
+def probed(page: Page, row: str) -> list[str]:
+    return page.locator(f"#probe-{row} td").all_text_contents()
+
+
+def hover(page: Page, x: int, y: int, frame: str = "#frame-render") -> None:
+    """Put the cursor on the middle of a pixel of an image that is not zoomed."""
+    box = page.locator(frame).bounding_box()
+    page.mouse.move(box["x"] + (x + 0.5) / SIZE * box["width"], box["y"] + (y + 0.5) / SIZE * box["height"])
+
+
+# The wall
+
+
+def test_the_wall_has_every_verdict_worst_first_and_skipped_last(opened):
+    page = opened()
+    verdicts = [text.strip("✓✕!?– ") for text in page.locator(".card .pill").all_text_contents()]
+    assert verdicts == ["fail", "error", "undecided", "pass", "pass", "pass", "skipped"]
+    colours = {
+        verdict: page.locator(f".card .pill.{verdict}").first.evaluate("each => getComputedStyle(each).color")
+        for verdict in VERDICTS
+    }
+    assert len(set(colours.values())) == len(VERDICTS)
+    assert page.locator("#verdicts [data-verdict] b").all_text_contents() == ["1", "1", "1", "3", "1"]
+    expect(page.locator("#skips")).to_contain_text("libOSMesa is not installed")
+
+
+def test_pictures_of_cases_with_odd_names_are_found(opened):
+    page = opened()
+    page.wait_for_function("[...document.querySelectorAll('.card img')].every((each) => each.complete)")
+    widths = page.locator(".card img").evaluate_all("all => all.map((each) => each.naturalWidth)")
+    assert widths == [SIZE] * 6
+    alts = page.locator(".card img").evaluate_all("all => all.map((each) => each.alt)")
+    assert "Render of fails #1 100%" in alts
+
+
+def test_filters_and_search_leave_what_they_name(opened):
+    page = opened()
+    page.locator('[data-verdict="pass"]').click()
+    assert sorted(names(page)) == ["cloud-dielectric-ggx-smith", "passes", "passes too"]
+    assert page.locator('[data-verdict="pass"]').get_attribute("aria-pressed") == "true"
+    page.locator("#filter-truth").select_option("baseline")
+    assert names(page) == ["passes too"]
+    expect(page.locator("#shown")).to_have_text("1 of 7")
+    page.locator('[data-verdict="pass"]').click()
+    page.locator("#filter-truth").select_option("")
+    page.locator("#search").fill("OSMESA installed")
+    assert names(page) == ["is left out"]
+    page.locator("#search").fill("no such words")
+    assert names(page) == []
+    page.locator("#clear").click()
+    assert len(names(page)) == 7
+    page.locator("#filter-node").select_option("mrm_dielectric_bsdf")
+    assert names(page) == ["cloud-dielectric-ggx-smith"]
+
+
+def test_a_link_shows_what_its_sender_saw(opened):
+    page = opened("#verdict=pass&truth=baseline")
+    assert names(page) == ["passes too"]
+    case = opened("#case=passes+too")
+    expect(case.locator("#case-name")).to_contain_text("passes too")
+    case.keyboard.press("Escape")
+    expect(case.locator("#case")).not_to_be_visible()
+    assert "case=" not in case.url
+    lost = opened("#case=nowhere")
+    expect(lost.locator("#unknown")).to_contain_text("no case nowhere")
+
+
+def test_a_link_that_is_clicked_can_be_gone_back_from(opened):
+    page = opened()
+    open_case(page, "passes")
+    assert "case=passes" in page.url
+    page.go_back()
+    expect(page.locator("#case")).not_to_be_visible()
+    assert len(names(page)) == 7
+
+
+# The keyboard
+
+
+def test_the_keyboard_alone_goes_everywhere(opened):
+    page = opened()
+    focused = "document.activeElement.textContent"
+    page.keyboard.press("End")
+    assert "is left out" in page.evaluate(focused)
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowRight")
+    assert "breaks" in page.evaluate(focused)
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Enter")
+    expect(page.locator("#case-name")).to_contain_text("fails #1 100%")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#case-name")).to_contain_text("breaks")
+    expect(page.locator("#case-message")).to_have_text(EVIL)
+    expect(page.locator("#images")).not_to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#case")).not_to_be_visible()
+    assert "breaks" in page.evaluate(focused)
+    page.keyboard.press("/")
+    page.keyboard.type("passes too")
+    assert names(page) == ["passes too"]
+    page.keyboard.press("Enter")
+    page.keyboard.press("Enter")
+    expect(page.locator("#case-name")).to_contain_text("passes too")
+    page.keyboard.press("?")
+    expect(page.locator("#help")).to_be_visible()
+    page.keyboard.press("Escape")
+    expect(page.locator("#help")).not_to_be_visible()
+    expect(page.locator("#case")).to_be_visible()
+
+
+def test_arrows_go_by_rows_and_columns_as_they_are_shown(opened):
+    page = opened(viewport={"width": 700, "height": 900})
+    assert page.evaluate("wall.columns") == 2
+    page.keyboard.press("Home")
+    page.keyboard.press("ArrowDown")
+    assert page.evaluate("wall.current") == 2
+    page.keyboard.press("ArrowUp")
+    assert page.evaluate("wall.current") == 0
+
+
+# One case
+
+
+def test_the_probe_reads_both_float32_values_and_the_error(opened):
+    page = opened()
+    open_case(page, "fails #1 100%")
+    image, reference, _ = images(3e-3)
+    for x, y in ((20, 10), (5, 25), (29, 29)):
+        hover(page, x, y)
+        expect(page.locator("#probe-place b")).to_have_text(f"x {x}, y {y}")
+        truth = reference.astype(np.float32)
+        for row, values in (("render", image[y, x]), ("reference", truth[y, x])):
+            assert [np.float32(text) for text in probed(page, row)] == list(values)
+        error = np.abs(image[y, x].astype(float) - truth[y, x]) / np.maximum(truth[y, x], 1e-4)
+        assert probed(page, "error") == [figure(each) for each in error]
+    hover(page, 20, 10)
+    expect(page.locator("#probe-place")).to_contain_text(f"{share(3.0)} of its bound")
+    hover(page, 0, 0)
+    expect(page.locator("#probe-place")).to_contain_text("beside the mesh")
+
+
+def test_a_case_opens_with_the_probe_on_its_worst_pixel_and_arrows_move_it(opened):
+    page = opened()
+    open_case(page, "fails #1 100%")
+    expect(page.locator("#probe-place b")).to_have_text("x 20, y 10")
+    page.locator("#frame-render").focus()
+    page.keyboard.press("ArrowLeft")
+    page.keyboard.press("Shift+ArrowDown")
+    expect(page.locator("#probe-place b")).to_have_text("x 19, y 20")
+    expect(page.locator("#case-name")).to_contain_text("fails #1 100%")
+
+
+def test_panes_show_the_numbers_at_the_exposure_of_the_pictures(opened):
+    """The page's own colours against OpenImageIO's PNG of the same numbers."""
+    page = opened()
+    open_case(page, "passes")
+    stops = float(re.sub("[^0-9.−]", "", page.locator("#exposure").text_content()).replace("−", "-"))
+    image, reference, mask = images(0.0)
+    for layer, values in (("layer-render", image), ("layer-reference", reference)):
+        shown = canvas(page, layer)
+        assert ((shown[..., 3] > 0) == mask).all()
+        linear = np.clip(values * 2.0**stops, 0, 1)
+        srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        assert np.abs(shown[mask][:, :3] - 255 * srgb[mask]).max() <= 1.0
+
+
+def test_exposure_brightens_and_comes_back(opened):
+    page = opened()
+    open_case(page, "passes")
+    before = canvas(page, "layer-render").astype(int)
+    page.keyboard.press("+")
+    brighter = canvas(page, "layer-render").astype(int)
+    page.keyboard.press("-")
+    page.keyboard.press("-")
+    darker = canvas(page, "layer-render").astype(int)
+    _, _, mask = images(0.0)
+    assert (brighter >= before).all()
+    assert (before >= darker).all()
+    assert brighter[mask].sum() > 1.05 * before[mask].sum()
+    page.keyboard.press("0")
+    assert (canvas(page, "layer-render") == before).all()
+
+
+def test_the_maps_mark_the_wrong_pixel(opened):
+    page = opened()
+    open_case(page, "fails #1 100%")
+    kinds = page.locator("#map-kind option").all_text_contents()
+    assert kinds == ["share of bound", "FLIP", "relative error", "signed error"]
+    over = [0xFF, 0x1F, 0x5A]
+    shown = canvas(page, "layer-map")
+    assert np.argwhere((shown[..., :3] == over).all(-1)).tolist() == [[10, 20]]
+    page.keyboard.press("e")
+    assert page.locator("#map-kind").input_value() == "flip"
+    page.locator("#map-kind").select_option("signed")
+    red, _, blue = (canvas(page, "layer-map")[10, 20, channel] for channel in range(3))
+    assert red > 2 * blue
+    expect(page.locator("#map-ends")).to_contain_text(f"+{figure(3e-3)}")
+
+
+def test_false_colour_shows_luminance_in_stops(opened):
+    page = opened()
+    open_case(page, "passes")
+    page.keyboard.press("c")
+    shown = canvas(page, "layer-reference").astype(float)
+    luminance = images(0.0)[1] @ [0.2126, 0.7152, 0.0722]
+    bright, dark = (
+        (shown[5, 5], shown[5, 25]) if luminance[5, 5] > luminance[5, 25] else (shown[5, 25], shown[5, 5])
+    )
+    assert bright[:3] @ [0.2126, 0.7152, 0.0722] > dark[:3] @ [0.2126, 0.7152, 0.0722]
+    assert page.locator(".pictured").first.is_visible()
+
+
+def test_the_slider_shows_the_render_left_of_it_and_the_reference_right(opened):
+    page = opened()
+    open_case(page, "passes")
+    # What the render's canvas shows is made green, so that it can be told from the reference.
+    page.evaluate(
+        """() => {
+          const canvas = document.querySelector("#layer-render canvas");
+          const context = canvas.getContext("2d");
+          context.fillStyle = "rgb(0, 255, 0)";
+          context.fillRect(0, 0, canvas.width, canvas.height);
+        }"""
+    )
+    page.keyboard.press("s")
+    page.mouse.move(5, 5)
+
+    def share_of_render() -> float:
+        row = seen(page)[40]
+        green = (row[:, 1] > 200) & (row[:, 0] < 60)
+        edge = int(green.sum())
+        assert green[4 : edge - 4].all()  # its ends fade into what lies beside it
+        return edge / len(row)
+
+    assert share_of_render() == pytest.approx(0.5, abs=0.02)
+    page.locator("#wipe").fill("20")
+    assert share_of_render() == pytest.approx(0.2, abs=0.02)
+    page.locator("#wipe").focus()
+    page.keyboard.press("ArrowRight")
+    assert page.locator("#wipe").input_value() == "21"
+    expect(page.locator("#case-name")).to_contain_text("passes")
+    box = page.locator("#frame-render").bounding_box()
+    page.mouse.move(box["x"] + 0.3 * box["width"], box["y"] + 9)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.75 * box["width"], box["y"] + 9)
+    page.mouse.up()
+    page.mouse.move(5, 5)
+    assert share_of_render() == pytest.approx(0.75, abs=0.02)
+
+
+def test_flicker_shows_render_and_reference_in_turn(opened):
+    page = opened()
+    open_case(page, "passes")
+    page.keyboard.press("f")
+    for word in ("render", "reference", "render"):
+        page.wait_for_function(
+            """(word) => {
+              const seen = (id) => getComputedStyle(byId(id)).visibility === "visible";
+              const only = word === "render" ? [true, false] : [false, true];
+              return byId("tag-left").textContent === word
+                && seen("layer-render") === only[0] && seen("layer-behind") === only[1];
+            }""",
+            arg=word,
+        )
+    page.keyboard.press("f")
+    expect(page.locator("#pane-reference")).to_be_visible()
+    assert page.evaluate("view.flicker") is None
+
+
+def test_who_wants_no_motion_turns_the_pictures_himself(opened):
+    page = opened(reduced_motion="reduce")
+    open_case(page, "passes")
+    page.keyboard.press("f")
+    assert page.evaluate("view.flicker") is None
+    expect(page.locator("#tag-left")).to_have_text("render")
+    page.keyboard.press("f")
+    expect(page.locator("#tag-left")).to_have_text("reference")
+
+
+def test_zoom_keeps_the_point_under_the_cursor_and_the_panes_in_step(opened):
+    page = opened()
+    open_case(page, "passes")
+    hover(page, 24, 8)
+    for _ in range(3):
+        page.mouse.wheel(0, -100)
+    expect(page.locator("#zoom")).to_have_text("8 ×")
+    boxes = page.locator(".layer:visible canvas").evaluate_all(
+        """all => all.map((each) => {
+          const inner = each.getBoundingClientRect(), outer = each.parentElement.getBoundingClientRect();
+          return [inner.width / outer.width, (inner.x - outer.x) / outer.width, (inner.y - outer.y) / outer.height];
+        })"""
+    )
+    assert len(boxes) == 3
+    assert np.ptp(boxes, axis=0).max() < 1e-3
+    assert boxes[0][0] == pytest.approx(8.0)
+    box = page.locator("#frame-render").bounding_box()
+    page.mouse.move(box["x"] + 24.5 / SIZE * box["width"] + 1, box["y"] + 8.5 / SIZE * box["height"] + 1)
+    expect(page.locator("#probe-place b")).to_have_text("x 24, y 8")
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.1 * box["width"], box["y"] + 0.5 * box["height"])
+    page.mouse.up()
+    expect(page.locator("#probe-place b")).to_have_text("x 24, y 8")
+    page.keyboard.press("0")
+    expect(page.locator("#zoom")).to_have_text("1 ×")
+
+
+def test_the_case_shows_its_source_as_text(opened):
+    page = opened()
+    open_case(page, "passes")
+    page.locator("#source summary").click()
+    expect(page.locator("#source-text")).to_have_text(SOURCE)
+    links = page.locator("#facts a").all_text_contents()
+    assert links == ["render.exr", "reference.exr", "material.mtlx"]
+
+
+def test_a_cloud_shows_its_decades(opened):
+    page = opened()
+    assert page.locator("#cloud-table tbody tr").count() == 1
+    page.locator("#cloud-table a").click()
+    expect(page.locator("#case-name")).to_contain_text("cloud-dielectric-ggx-smith")
+    assert page.locator("#facts .decade").count() == 6
+
+
+def test_the_numbers_are_loaded_when_a_case_is_looked_at(opened, browser, folder):
+    each = Opened(browser, folder)
+    assert [url for url in each.asked if url.endswith("data.js")] == []
+    open_case(each.page, "fails #1 100%")
+    assert len([url for url in each.asked if url.endswith("data.js")]) == 1
+    assert each.complaints == []
+    each.context.close()
+
+
+def test_numbers_that_are_gone_leave_the_pictures(tmp_path, browser):
+    write_report(tmp_path, ENVIRONMENT, outcomes(tmp_path), 1.0)
+    (tmp_path / "cases/egl/passes/data.js").unlink()
+    (tmp_path / "cases/egl/passes too/data.js").write_text("mrmCase({}")
+    for name in ("passes", "passes too"):
+        page = Opened(browser, tmp_path, f"#case={name}").page
+        expect(page.locator("#trouble")).to_contain_text("these are the pictures only")
+        assert page.locator("#layer-render img").evaluate("each => each.complete")
+        assert page.locator("#brighter").is_disabled()
+        page.context.close()
+
+
+def test_a_partial_run_says_so_and_scenes_come_last(tmp_path, opened):
+    gallery = [{"title": "Cone", "caption": "by night", "image": "cone.png"}]
+    environment = {**ENVIRONMENT, "partial": "it was interrupted", "gallery": gallery}
+    (tmp_path / "cone.png").write_bytes(b"")
+    write_report(tmp_path, environment, [], 1.0)
+    page = opened(of=tmp_path)
+    expect(page.locator("#partial")).to_have_text("This run did not finish. it was interrupted")
+    expect(page.locator("#none")).to_contain_text("The run has no cases.")
+    expect(page.locator("#scenes")).to_contain_text("by night")
+    assert page.locator("#scenes img").get_attribute("alt") == "Cone"
+
+
+# Two thousand cases
+
+
+def test_two_thousand_cases_are_a_few_hundred_elements(tmp_path, opened):
+    known = compared(tmp_path, "shared", 0.0, Tolerance(max_rel=1e-3))
+    case = default_suite()[0]
+    many = []
+    for number in range(2000):
+        many.append(outcome_of(case, "egl", **known))
+        many[-1].name = f"case {number:04}"
+    write_report(tmp_path, ENVIRONMENT, many, 100.0)
+    page = opened(of=tmp_path)
+    expect(page.locator("#shown")).to_have_text("2 000 of 2 000")
+    assert page.evaluate("document.querySelectorAll('*').length") < 800
+    first = names(page)
+    assert first[0] == "case 0000"
+    page.keyboard.press("End")
+    assert "case 1999" in page.evaluate("document.activeElement.textContent")
+    assert "case 1999" in names(page)
+    assert page.locator(".card").count() < 60
+    page.evaluate("scrollTo(0, document.body.scrollHeight / 2)")
+    page.wait_for_function(
+        "[...document.querySelectorAll('.card b')].some((each) => each.textContent === 'case 1000')"
+    )
+    page.locator("#search").fill("case 0777")
+    assert names(page) == ["case 0777"]
+
+
+# For everybody
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_words_have_contrast(opened, scheme):
+    """At least 4.5 to 1 (WCAG 2.2, 1.4.3) for every verdict's word and every quiet one, on what lies below."""
+    page = opened(color_scheme=scheme)
+
+    def luminance(text: str) -> float:
+        colour = np.array([float(each) for each in re.findall(r"[\d.]+", text)[:3]]) / 255
+        linear = np.where(colour <= 0.04045, colour / 12.92, ((colour + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    for selector, ground in (
+        (".card .pill", ".card"),
+        (".tile b", ".tile"),
+        (".quiet", "body"),
+        (".card small", ".card"),
+    ):
+        below = luminance(
+            page.locator(ground).first.evaluate("each => getComputedStyle(each).backgroundColor")
+        )
+        for colour in page.locator(selector).evaluate_all(
+            "all => all.map((each) => getComputedStyle(each).color)"
+        ):
+            light, dark = sorted((luminance(colour), below), reverse=True)
+            assert (light + 0.05) / (dark + 0.05) >= 4.5, (selector, colour)
+
+
+def test_controls_have_names_and_pictures_have_words(opened):
+    page = opened()
+    open_case(page, "passes")
+    nameless = page.evaluate(
+        """() => [...document.querySelectorAll("button, select, input, [role=img], img")].filter((each) =>
+          !(each.getAttribute("aria-label") || each.getAttribute("alt") || each.textContent.trim()
+            || document.querySelector(`label[for="${each.id}"]`)))
+          .map((each) => each.outerHTML)"""
+    )
+    assert nameless == []
+
+
+@pytest.mark.parametrize("width", [420, 1400])
+def test_nothing_reaches_beyond_the_window(opened, width):
+    page = opened(viewport={"width": width, "height": 860})
+    assert page.evaluate("document.documentElement.scrollWidth") <= width
+    open_case(page, "fails #1 100%")
+    assert page.evaluate("view.dialog.scrollWidth") <= width

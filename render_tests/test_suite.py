@@ -1,7 +1,9 @@
 """A part of the default suite on every backend: cases of several structures, small clouds of each node."""
 
+import dataclasses
 import itertools
 import json
+import re
 
 import pytest
 
@@ -12,9 +14,17 @@ from mrm_nodes.regression.run import run_suite
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render.images import read_image
 
-ONE_OF_EACH = list({case.structure: case for case in default_suite()}.values())
+ONE_OF_EACH = list({case.structure: case for case in default_suite() if not case.environment}.values())
 PATTERNS = ("conductor-noise", "dielectric-over", "schlick-checker")
+LIT = (
+    "conductor-in-sky-retro0.5",
+    "dielectric-in-white-retro1",
+    "schlick-in-studio-unf",
+    "dielectric-over-diffuse-in",
+    "schlick-mirror",
+)
 CASES = [case for case in ONE_OF_EACH if not case.patterns or case.name.startswith(PATTERNS)]
+CASES += [case for case in default_suite() if case.name.startswith(LIT)]
 CLOUDS = [
     Cloud(node, *pair, configurations=60_000)
     for node, pair in itertools.product(material.NODES, (("ggx", "smith"), ("beckmann", "vcavity")))
@@ -56,37 +66,43 @@ def test_a_run_in_two_processes_writes_one_report(working_backend, tmp_path):
         assert (tmp_path / case["files"]["error"]).is_file()
 
 
-class Deadly(type(ONE_OF_EACH[0])):
-    """A case that kills the process that runs it."""
-
-    @property
-    def patterns(self):
-        import multiprocessing
-        import os
-
-        if multiprocessing.parent_process() is not None:
-            os._exit(9)
-        return {}
-
-    @patterns.setter
-    def patterns(self, value):
-        pass
-
-
-def test_a_worker_that_dies_costs_its_case_only(working_backend, tmp_path):
-    good = [case for case in default_suite() if case.name.startswith("conductor-figure5-0")]
-    report = run_suite([good[0], Deadly("deadly", "mrm_conductor_bsdf"), good[1]], tmp_path, working_backend)
-    assert {case["name"]: case["verdict"] for case in report["cases"]} == {
-        "deadly": "error",
-        good[0].name: "pass",
-        good[1].name: "pass",
-    }
-    assert report["cases"][0]["message"] == "the worker process died"
-
-
 def test_shaders_are_shared_by_cases_of_one_structure(working_backend, tmp_path):
     worker = Worker(working_backend)
     same = [case for case in default_suite() if case.structure == ONE_OF_EACH[0].structure][:3]
     seconds = [worker.run(case, tmp_path).seconds for case in same]
     assert seconds[0]["generate"] > 0.001
     assert all(later["generate"] < 0.001 and later["compile"] == 0 for later in seconds[1:])
+
+
+FAULTS = {
+    "the retro look-up on the forward side": ("up - across", "up + across", "conductor-mirror-in-sky"),
+    "no compensation": (r"Li \* compensation", "Li", "conductor-in-white-retro0.5"),
+    "the retro lobe by the forward lobe's share": (
+        r"\+ retro \* mx_latlong",
+        "+ (1.0 - retro) * mx_latlong",
+        "schlick-in-sky-retro1",
+    ),
+    "a density without its 4": (r"/ \(4\.0 \* Vt\.z\);", "/ Vt.z;", "dielectric-in-white-retro0"),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_in_image_light_fails(working_backend, tmp_path, fault):
+    pattern, replacement, name = FAULTS[fault]
+
+    def edit(shader):
+        text, count = re.subn(pattern, replacement, shader.pixel)
+        assert count, f"the generated GLSL no longer has {pattern}: plant {fault} anew"
+        return dataclasses.replace(shader, pixel=text)
+
+    (case,) = (case for case in default_suite() if case.name == name)
+    outcome = Worker(working_backend, edit).run(case, tmp_path)
+    assert outcome.verdict == "fail", outcome
+
+
+def test_noise_that_hides_the_answer_is_undecided(working_backend, tmp_path):
+    (case,) = (case for case in default_suite() if case.name == "conductor-in-studio-unfiltered")
+    light = dataclasses.replace(case.environment, samples=24)
+    outcome = Worker(working_backend).run(dataclasses.replace(case, environment=light), tmp_path)
+    assert outcome.verdict == "undecided"
+    assert "raise the samples" in outcome.message

@@ -155,8 +155,18 @@ def test_built_in_environments_are_valid_and_small():
     for name, make in env.BUILT_IN_ENVIRONMENTS.items():
         built = make()
         assert built.radiance.nbytes < 1 << 20, name
-        assert built.radiance.max() > 4.0 * built.radiance.mean(), name
         assert env.find_environment(name, samples=3).samples == 3
+    for make in (env.sky, env.studio):
+        assert make().radiance.max() > 4.0 * make().radiance.mean()
+    assert np.ptp(env.white().radiance) == 0.0
+
+
+def test_another_number_of_samples_shares_what_was_made_of_the_map():
+    few = env.Environment(rng_map(), rotation=20.0)
+    many = few.resampled(999)
+    assert (many.samples, many.rotation, few.samples) == (999, 20.0, env.DEFAULT_SAMPLES)
+    assert many.levels is few.levels
+    assert many.irradiance is few.irradiance
 
 
 @pytest.mark.parametrize("name", ["san_giuseppe_bridge.hdr", "goegap.hdr"])

@@ -8,6 +8,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cases import ALPHAS, default_suite
 from mrm_nodes.regression.suites import choose, clouds, suite
+from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 from mrm_nodes.render.scene import CameraLight, DirectionalLight, PointLight, SpotLight
 from mrm_nodes.shadergen import generate_shader
 
@@ -42,9 +43,18 @@ def test_each_node_is_shown_with_every_pair_and_a_pattern(node):
 
 
 def test_every_mesh_and_every_kind_of_light_is_used():
-    assert {case.mesh for case in SUITE} == {"sphere", "plane", "baluster"}
+    assert {case.mesh for case in SUITE} == {"sphere", "plane", "baluster", "floor"}
     lights = {type(light) for case in SUITE for light in case.lights}
     assert lights == {CameraLight, DirectionalLight, PointLight, SpotLight}
+
+
+@pytest.mark.parametrize("node", material.NODES)
+def test_each_node_is_shown_in_every_map_at_every_weight_and_mirrored(node):
+    lit = [case for case in SUITE if case.node == node and case.environment is not None]
+    seen = {(case.environment.map, case.inputs["retroreflectivity"]) for case in lit}
+    assert {(name, weight) for name in BUILT_IN_ENVIRONMENTS for weight in (0.0, 0.5, 1.0)} <= seen
+    assert any(case.mirrored for case in lit)
+    assert any(not case.environment.filtered for case in lit)
 
 
 def test_every_case_has_inputs_that_its_node_knows():

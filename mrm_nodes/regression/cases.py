@@ -5,11 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
 from mrm_nodes.regression.material import NODES, Value
+from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment
 from mrm_nodes.render.scene import (
     Camera,
     CameraLight,
@@ -29,6 +30,7 @@ ALPHAS: tuple[tuple[float, float], ...] = (
 )
 WEIGHTS = (0.0, 0.5, 1.0)
 OTHER_PAIRS = (("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity"))
+MAPS = ("sky", "studio", "white")
 FIGURE_5 = (0.0, 45.0, 90.0)
 """Degrees between light and view in Figure 5 of the MRM paper."""
 
@@ -53,6 +55,25 @@ AROUND: tuple[Light, ...] = (
 
 
 @dataclass(frozen=True)
+class MapLight:
+    """Image light of a case: a built-in map, and how the host samples it."""
+
+    map: str
+    """Name of a built-in environment."""
+    rotation: float = 0.0
+    """Degrees about +y."""
+    samples: int = 1024
+    """Directions for each lobe."""
+    filtered: bool = True
+    """Whether samples read the mip level of their solid angle."""
+
+    def load(self) -> Environment:
+        """The map and its use, as the renderer takes them."""
+        built_in = BUILT_IN_ENVIRONMENTS[self.map]()
+        return replace(built_in, rotation=self.rotation, samples=self.samples, filtered=self.filtered)
+
+
+@dataclass(frozen=True)
 class Case:
     """One image to render and compare.
 
@@ -68,8 +89,14 @@ class Case:
     base: tuple[float, float, float] | None = None
     """Colour of a diffuse base under the node, or none."""
     mesh: str = "sphere"
+    """A built-in mesh, or `floor`: the plane that faces +y, the pole of every map."""
     camera: Camera | Framing = FRONT
     lights: tuple[Light, ...] = AROUND
+    environment: MapLight | None = None
+    """Image light, beside the lights."""
+    mirrored: bool = False
+    """Whether it is compared with the other lobe in the map turned by half a turn, in place of the evaluator:
+    [MRM] eq. 3, for a mesh whose normals are all +y."""
     size: tuple[int, int] = (128, 128)
     """Width and height."""
     target: str = "glsl"
@@ -91,8 +118,10 @@ class Case:
             "patterns": dict(self.patterns),
             "base": self.base,
             "mesh": self.mesh,
+            "mirrored": self.mirrored,
             "camera": repr(self.camera),
             "lights": [repr(light) for light in self.lights],
+            "environment": None if self.environment is None else repr(self.environment),
             "size": list(self.size),
         }
 
@@ -117,6 +146,7 @@ def default_suite() -> list[Case]:
         *_inputs(),
         *_layers(),
         *_lights(),
+        *_image_lights(),
     ]
 
 
@@ -254,3 +284,29 @@ def _lights() -> Iterator[Case]:
     yield _case(NODES[0], "four-lights", half, mesh="baluster", camera=ABOVE, lights=four)
     behind = Camera(position=(0.3, -1.2, 2.0), fov=45.0)
     yield _case(NODES[0], "plane-from-behind", half, mesh="plane", camera=behind, lights=AROUND)
+
+
+def _image_lights() -> Iterator[Case]:
+    """Image light: both maps, a constant one, other lobes without the mip filter, a base, the mirror."""
+
+    def lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> Case:
+        options = {"lights": (), "environment": light, "size": (20, 20), **others}
+        return _case(node, what, inputs, **options)
+
+    conductor, dielectric, schlick = NODES
+    for name, node, weight in itertools.product(MAPS, NODES, WEIGHTS):
+        values: dict[str, Value] = {"retroreflectivity": weight}
+        yield lit(node, f"in-{name}-retro{weight:g}", values, MapLight(name, rotation=30.0))
+    sharp = MapLight("studio", samples=2048, filtered=False)
+    half: dict[str, Value] = {"retroreflectivity": 0.5}
+    crossed: dict[str, Value] = {**half, "masking": "vcavity"}
+    yield lit(conductor, "in-studio-unfiltered", half, sharp)
+    yield lit(schlick, "in-studio-unfiltered-beckmann", {**half, "distribution": "beckmann"}, sharp)
+    yield lit(dielectric, "in-studio-unfiltered-phong", {**crossed, "distribution": "phong"}, sharp)
+    yield lit(conductor, "in-studio-unfiltered-a0.5x0.1", crossed, sharp, alpha=(0.5, 0.1))
+    yield lit(dielectric, "over-diffuse-in-sky", half, MapLight("sky"), base=(0.8, 0.2, 0.1))
+    above = Camera(position=(0.5, 2.0, 1.0), fov=45.0)
+    for node in NODES:
+        values = {"retroreflectivity": 1.0}
+        options = {"mesh": "floor", "camera": above, "mirrored": True, "alpha": (0.3, 0.1)}
+        yield lit(node, "mirror-in-sky", values, MapLight("sky", rotation=30.0, samples=64), **options)

@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cases import Case
-from mrm_nodes.regression.compare import Bounds, bounds_for, compare, relative_error
+from mrm_nodes.regression.compare import Bounds, Figures, Verdict, bounds_for, compare, relative_error
+from mrm_nodes.regression.environment_reference import (
+    environment_image,
+    environment_tolerance,
+    irradiance,
+    replicated,
+    sample_counts,
+    view_in,
+)
+from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.reference_image import DiffuseBase, evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.tolerance import compare_images
 from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.render.environment import Environment
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import RenderedImage
@@ -24,35 +37,143 @@ from mrm_nodes.shadergen import Shader
 
 Array = NDArray[np.float64]
 
+MIRROR_ERROR = 1e-6
+"""Relative error of retro light in a map against forward light in the map turned about the normal."""
+
+
+class Judged(NamedTuple):
+    """A compared image `(h, w, 3)`, its reference `(n, 3)` where its mask `(h, w)` is, and what came of it."""
+
+    image: NDArray[Any]
+    reference: Array
+    mask: NDArray[np.bool_]
+    verdict: Verdict
+    figures: Figures
+    tolerance: Mapping[str, float]
+    used: Array
+    """`(h, w)`: error as a share of its bound."""
+
 
 def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
     """Render a case, compare it, and write its pictures below `folder`."""
     values = material.complete(case.node, case.inputs)
-    mesh = load_mesh(case.mesh)
+    mesh = floor() if case.mesh == "floor" else load_mesh(case.mesh)
     shader = _shader(case, workshop, outcome, case.structure)
+
+    def draw(**others: Any) -> RenderedImage:
+        return _render(case, workshop, outcome, shader, mesh, lights=case.lights, **others)
+
     free = {name: value for name, value in values.items() if name not in case.patterns}
     uniforms = material.uniform_values(case.node, free)
     if case.base:
         uniforms["base_color"] = case.base
-    drawn = _render(case, workshop, outcome, shader, mesh, uniforms=uniforms, lights=case.lights)
-    mask, camera = drawn.mask, drawn.camera
-    driven = {name: _input_points(case, workshop, outcome, name, mesh) for name in case.patterns}
-    with timed(outcome, "reference"):
-        points = drawn.position[mask], drawn.normal[mask], drawn.tangent[mask]
-        reference, bounds = reference_points(case, {**values, **driven}, camera, *points)
+    if case.mirrored:
+        judged = _beside_mirror(case, outcome, draw, uniforms)
+    elif case.environment is not None:
+        judged = _in_environment(case, outcome, draw, uniforms, values)
+    else:
+        drawn = draw(uniforms=uniforms)
+        driven = {name: _input_points(case, workshop, outcome, name, mesh) for name in case.patterns}
+        with timed(outcome, "reference"):
+            reference, bounds = reference_points(case, {**values, **driven}, drawn.camera, *_points(drawn))
+        with timed(outcome, "compare"):
+            judged = _within(drawn, reference, bounds)
+    outcome.verdict, outcome.figures, outcome.tolerance = judged.verdict, judged.figures, judged.tolerance
     with timed(outcome, "compare"):
-        outcome.verdict, outcome.figures = compare(drawn.image[mask], reference, bounds)
-        outcome.tolerance = bounds.loosest()
-        used = np.max(relative_error(drawn.image[mask], reference) / bounds.max_rel, axis=-1)
         place = Path("cases") / outcome.backend / case.name
         (folder / place).mkdir(parents=True, exist_ok=True)
-        written = write_pictures(
-            folder / place, drawn.image, _spread(reference, mask), mask, _spread(used, mask)
-        )
+        shown = _spread(judged.reference, judged.mask)
+        written = write_pictures(folder / place, judged.image, shown, judged.mask, judged.used)
         outcome.files = {
             name: (place / file).as_posix() if isinstance(file, str) else file
             for name, file in written.items()
         }
+
+
+def _within(drawn: RenderedImage, reference: Array, bounds: Bounds) -> Judged:
+    """Compare with bounds that differ from point to point."""
+    mask = drawn.mask
+    verdict, figures = compare(drawn.image[mask], reference, bounds)
+    used = np.max(relative_error(drawn.image[mask], reference) / bounds.max_rel, axis=-1)
+    return Judged(drawn.image, reference, mask, verdict, figures, bounds.loosest(), _spread(used, mask))
+
+
+def _in_environment(
+    case: Case,
+    outcome: Outcome,
+    draw: Callable[..., RenderedImage],
+    uniforms: Mapping[str, Any],
+    values: Mapping[str, Any],
+) -> Judged:
+    """Compare with the integral over the map: by the mip filter's bias, as far as both sampling errors let."""
+    light = _light(case)
+    replicates = [
+        draw(uniforms=uniforms, environment=light.resampled(count)) for count in sample_counts(light.samples)
+    ]
+    drawn = replicates[0]
+    host = replicated([each.image[drawn.mask].astype(np.float64) for each in replicates])
+    with timed(outcome, "reference"):
+        points = _points(drawn)
+        view, frame = shading_frame(*points, drawn.camera.position)
+        truth = environment_image(case.node, values, view, frame, light)
+        reference = truth.mean
+        if case.base is not None:
+            through = evaluator(case.node, values).throughput(view_in(frame, view), None, values["weight"])
+            reference = reference + through * as_float32(case.base) * irradiance(light, frame[:, 2])
+        if case.lights:
+            reference = reference + reference_points(case, values, drawn.camera, *points)[0]
+    with timed(outcome, "compare"):
+        mask = drawn.mask
+        tolerance = environment_tolerance(light, reference)
+        noise = np.hypot(truth.standard_error, host.standard_error)
+        image = _spread(host.mean, mask)
+        found = compare_images(image, _spread(reference, mask), mask, tolerance, _spread(noise, mask))
+        if found.verdict == "undecided":
+            outcome.message = "the sampling errors hide whether the bound is kept: raise the samples"
+        used = np.zeros(mask.shape) if found.used is None else found.used
+    return Judged(image, reference, mask, found.verdict, found.figures, tolerance.asked(), used)
+
+
+def _beside_mirror(
+    case: Case, outcome: Outcome, draw: Callable[..., RenderedImage], uniforms: Mapping[str, Any]
+) -> Judged:
+    """Compare with the other lobe in the map turned about the normal."""
+    light = _light(case)
+    other = 1.0 - float(uniforms["bsdf_retroreflectivity"])
+    drawn = draw(uniforms=uniforms, environment=light)
+    turned = replace(light, rotation=light.rotation + 180.0)
+    twin = draw(uniforms={**uniforms, "bsdf_retroreflectivity": other}, environment=turned)
+    with timed(outcome, "compare"):
+        allowed = np.array(MIRROR_ERROR)
+        return _within(drawn, twin.image[drawn.mask].astype(np.float64), Bounds(allowed, allowed))
+
+
+def _light(case: Case) -> Environment:
+    if case.environment is None:
+        raise MrmError(f"{case.name}: there is no environment to turn")
+    return case.environment.load()
+
+
+def floor() -> Mesh:
+    """The built-in plane, turned to face +y: its normal is the pole of every map."""
+    flat = load_mesh("plane")
+
+    def turned(vectors: NDArray[Any]) -> NDArray[Any]:
+        swapped: NDArray[Any] = vectors[:, [0, 2, 1]]
+        return swapped * (1.0, 1.0, -1.0)
+
+    return replace(
+        flat,
+        name="floor",
+        positions=turned(flat.positions),
+        normals=turned(flat.normals),
+        tangents=turned(flat.tangents),
+    )
+
+
+def _points(drawn: RenderedImage) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+    """Position, normal and tangent, each `(n, 3)`, of the covered pixels."""
+    return drawn.position[drawn.mask], drawn.normal[drawn.mask], drawn.tangent[drawn.mask]
 
 
 def _shader(case: Case, workshop: Workshop, outcome: Outcome, key: Any, element: str | None = None) -> Shader:

@@ -95,6 +95,12 @@ class Environment:
             levels.append(shrink(levels[-1], height, width))
         return levels
 
+    def resampled(self, samples: int) -> Environment:
+        """Return the same light with another number of samples; levels and irradiance are not made again."""
+        other = replace(self, samples=samples)
+        other.__dict__.update(levels=self.levels, irradiance=self.irradiance)
+        return other
+
     @functools.cached_property
     def irradiance(self) -> Floats:
         """Irradiance over π by normal, in the same projection: a white Lambertian's radiance."""
@@ -262,13 +268,19 @@ def studio() -> Environment:
     return Environment(radiance.astype(np.float32))
 
 
+@functools.cache
+def white() -> Environment:
+    """Radiance 1 from everywhere: a lobe shows its directional albedo, and one that loses nothing vanishes."""
+    return Environment(np.ones((8, 16, 3), np.float32))
+
+
 def _smoothstep(low: float, high: float, x: Array) -> Array:
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return t * t * (3.0 - 2.0 * t)
 
 
 #: The environments that need no file, by the name that the command line uses.
-BUILT_IN_ENVIRONMENTS: dict[str, Callable[[], Environment]] = {"sky": sky, "studio": studio}
+BUILT_IN_ENVIRONMENTS: dict[str, Callable[[], Environment]] = {"sky": sky, "studio": studio, "white": white}
 
 
 def find_environment(name: str | os.PathLike[str], **options: Any) -> Environment:

@@ -60,7 +60,7 @@ def list_cases(file: Path, expression: str | None, allow_external: bool) -> None
     if not console.is_terminal:
         console = Console(markup=False, width=200)
     console.print(table)
-    click.echo(f"{len(cases)} cases")
+    click.echo(f"{len(cases)} case{'s' if len(cases) != 1 else ''}")
 
 
 @suite.command()

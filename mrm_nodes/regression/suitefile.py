@@ -92,6 +92,10 @@ def _listed(value: Any) -> Any:
     return value if isinstance(value, list) else [value]
 
 
+def _environment(value: Any) -> Any:
+    return {"map": value} if isinstance(value, str) else value
+
+
 _Size = Annotated[tuple[int, int], BeforeValidator(_size)]
 _Name = Annotated[str, Field(min_length=1, max_length=1000)]
 _Names = Annotated[list[_Name], BeforeValidator(_listed), Field(min_length=1)]
@@ -150,7 +154,7 @@ class _SuiteTable(_Table):
     meshes: dict[str, _Name] = {}
     cameras: dict[str, _Name] = {}
     lights: dict[str, _Names] = {}
-    environments: dict[str, _Name | _EnvironmentTable] = {}
+    environments: dict[str, Annotated[_EnvironmentTable, BeforeValidator(_environment)]] = {}
     tolerances: dict[str, _ToleranceTable] = {}
     case: Annotated[list[_CaseTable], Field(min_length=1)]
     adjust: list[_AdjustTable] = []
@@ -178,10 +182,9 @@ def load(path: Path, allow_external: bool = False) -> Suite:
         MrmError: there is no such file or folder, or no material in it.
     """
     if path.is_dir():
-        names = sorted(str(file.relative_to(path)) for file in path.rglob("*.mtlx") if file.is_file())
-        if not names:
+        if next(path.rglob("*.mtlx"), None) is None:
             raise MrmError(f"{path}: no .mtlx file in this folder")
-        table = _SuiteTable(case=[_CaseTable(material=[glob.escape(name) for name in names])])
+        table = _SuiteTable(case=[_CaseTable(material=["**/*.mtlx"])])
         return _Maker(path, path, table, allow_external, lambda keys: str(path)).suite()
     text = _text(path)
     try:
@@ -231,8 +234,7 @@ def _dotted(keys: Sequence[str | int]) -> str:
 def _faults(error: pydantic.ValidationError) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Where the faults of a table lie, and what is expected there."""
     for each in error.errors(include_url=False):
-        # pydantic adds the type that it tried to the keys of a choice of types.
-        keys = tuple(key for key in each["loc"] if not (isinstance(key, str) and _is_type(key)))
+        keys = each["loc"]
         message = each["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
         if each["type"] == "extra_forbidden":
             message = f"unknown key; {suggestion(str(keys[-1]), _keys_beside(keys))}"
@@ -241,10 +243,6 @@ def _faults(error: pydantic.ValidationError) -> Iterator[tuple[tuple[str | int, 
         elif not message.startswith("a size"):
             message = f"expected {message[:1].lower()}{message[1:]}"
         yield keys, message
-
-
-def _is_type(key: str) -> bool:
-    return key.startswith(("constrained", "_EnvironmentTable", "function-", "list[", "str"))
 
 
 def _keys_beside(keys: Sequence[str | int]) -> Iterable[str]:
@@ -384,7 +382,7 @@ class _Maker:
                 found = sorted(
                     name
                     for name in glob.glob(pattern, root_dir=self._folder, recursive=True)  # noqa: PTH207
-                    if (self._folder / name).is_file()
+                    if (self._folder / name).is_file() and not self._is_reported(name)
                 )
             except (ValueError, OSError, re.error) as error:
                 raise _Fault((*here, "material"), f"{pattern}: {error}") from None
@@ -396,6 +394,11 @@ class _Maker:
             for name in found:
                 inner = Path(name).relative_to(fixed) if fixed is not None else Path(Path(name).name)
                 yield name, ".".join(inner.with_suffix("").parts)
+
+    def _is_reported(self, name: str) -> bool:
+        """Whether a file is a report's copy of a material."""
+        folders = Path(name).parents
+        return any((self._folder / each / "report.json").is_file() for each in folders if each != Path())
 
     def _of_elements(
         self,
@@ -442,23 +445,12 @@ class _Maker:
         if len(name) > LONGEST_NAME:
             raise _Fault((*here, "name"), f"{name[:40]}… has {len(name)} letters; at most {LONGEST_NAME}")
         settings = self._settings(here, table, name, chosen)
-        inputs = {
-            **{path: self._value((*here, "input", path), value) for path, value in table.input.items()},
-            **{
-                axis.removeprefix(_INPUT): self._value((*here, "matrix", axis), value)
-                for axis, value in chosen.items()
-                if axis.startswith(_INPUT)
-            },
-        }
+        inputs, files = self._inputs(here, table, material, chosen)
         try:
             options = self._resolved(settings)
         except _Fault as fault:
             keys = self._given_at(here, table, name, chosen, str(fault.keys[0]))
             raise _Fault(keys, fault.message) from None
-        try:
-            named = [self._checked(material, path, value) for path, value in inputs.items()]
-        except MrmError as error:
-            raise _Fault((*here, "input" if table.input else "matrix"), str(error)) from None
         truth, reason = self._truth(here, material, element, inputs, settings)
         return MaterialCase(
             name=name,
@@ -468,10 +460,28 @@ class _Maker:
             inputs=inputs,
             truth=truth,
             reason=reason,
-            depends=tuple(dict.fromkeys(itertools.chain(self._depends(material), *named))),
+            depends=tuple(dict.fromkeys([*self._depends(material), *files])),
             allow_external=self._allow_external,
             **options,
         )
+
+    def _inputs(
+        self, here: tuple[str | int, ...], table: _CaseTable, material: str, chosen: Mapping[str, Any]
+    ) -> tuple[dict[str, Value], list[str]]:
+        """The values of a case's inputs, and the files that they name."""
+        given = {(*here, "input", path): (path, value) for path, value in table.input.items()}
+        for axis, value in chosen.items():
+            if axis.startswith(_INPUT):
+                given[(*here, "matrix", axis)] = (axis.removeprefix(_INPUT), value)
+        inputs: dict[str, Value] = {}
+        files: list[str] = []
+        for keys, (path, value) in given.items():
+            inputs[path] = self._value(keys, value)
+            try:
+                files += self._checked(material, path, inputs[path])
+            except MrmError as error:
+                raise _Fault(keys, str(error)) from None
+        return inputs, files
 
     def _named(self, here: tuple[str | int, ...], template: str, names: Mapping[str, str]) -> str:
         """A name from its template: `{material}`, `{element}` and the axes of the matrix."""
@@ -479,7 +489,8 @@ class _Maker:
 
         def fill(found: re.Match[str]) -> str:
             if found[1] not in known:
-                raise _Fault((*here, "name"), f"unknown {found[0]}; {suggestion(found[1], known)}")
+                shown = [f"{{{each}}}" for each in known]
+                raise _Fault((*here, "name"), f"unknown {found[0]}; {suggestion(found[0], shown)}")
             return known[found[1]]
 
         return _safe(re.sub(r"\{([^{}]*)\}", fill, template))
@@ -579,8 +590,7 @@ class _Maker:
         return tuple(lights)
 
     def _environment(self, name: str) -> EnvironmentMap:
-        given = self._table.environments.get(name, name)
-        table = _EnvironmentTable(map=given) if isinstance(given, str) else given
+        table = self._table.environments.get(name) or _EnvironmentTable(map=name)
         if table.map not in BUILT_IN_ENVIRONMENTS and not (self._folder / table.map).is_file():
             known = [*BUILT_IN_ENVIRONMENTS, *self._table.environments]
             raise MrmError(

@@ -1,0 +1,396 @@
+"""Suites as files: what they multiply out to, how their cases are called, and what is said of their faults."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+from pathlib import Path
+
+import pytest
+
+from mrm_nodes import cli
+from mrm_nodes.errors import MrmError
+from mrm_nodes.library import materials_path
+from mrm_nodes.regression import suites
+from mrm_nodes.regression.suitefile import SuiteError, load
+from mrm_nodes.regression.tolerance import Tolerance
+from mrm_nodes.render import Camera, CameraLight, DirectionalLight
+
+METAL = """<materialx version="1.39">
+<mrm_conductor_bsdf name="b" type="BSDF" />
+<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="b" /></surface>
+<surfacematerial name="metal" type="material">
+  <input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial>
+</materialx>"""
+VELVET = METAL.replace("mrm_conductor_bsdf", "sheen_bsdf").replace("metal", "velvet")
+TWO = METAL.replace(
+    "</materialx>",
+    '<surfacematerial name="again" type="material">'
+    '<input name="surfaceshader" type="surfaceshader" nodename="s" /></surfacematerial></materialx>',
+)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder of materials, with a mesh and a mask."""
+    (tmp_path / "metal.mtlx").write_text(METAL)
+    (tmp_path / "velvet.mtlx").write_text(VELVET)
+    (tmp_path / "set" / "deep").mkdir(parents=True)
+    (tmp_path / "set" / "deep" / "metal.mtlx").write_text(METAL)
+    (tmp_path / "box.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "mask.png").write_bytes(b"")
+    return tmp_path
+
+
+def loaded(folder: Path, text: str) -> list[str]:
+    return [case.name for case in cases_of(folder, text)]
+
+
+def cases_of(folder: Path, text: str):
+    path = folder / "suite.toml"
+    path.write_text(text)
+    return load(path).cases
+
+
+def test_a_matrix_multiplies_out_and_its_values_are_in_the_names(folder: Path):
+    text = """
+    [lights]
+    car = "camera"
+    [[case]]
+    material = "metal.mtlx"
+    [case.matrix]
+    mesh = ["sphere", "box.obj"]
+    light = ["car", "directional:0,0,-1"]
+    "input:b/retroreflectivity" = [0, 0.5]
+    """
+    cases = {case.name: case for case in cases_of(folder, text)}
+    assert len(cases) == 8
+    case = cases["metal-box-car-retroreflectivity0.5"]
+    assert (case.mesh, case.lights, case.inputs) == (
+        "box.obj",
+        (CameraLight(),),
+        {"b/retroreflectivity": 0.5},
+    )
+    other = cases["metal-sphere-directional_0_0_-1-retroreflectivity0"]
+    assert other.lights == (DirectionalLight((0.0, 0.0, -1.0)),)
+
+
+def test_what_a_case_says_goes_over_the_defaults_and_what_adjusts_it_over_both(folder: Path):
+    text = """
+    [defaults]
+    size = 64
+    camera = "0,0,4"
+    time_limit = 30
+    [tolerances]
+    loose = { max_rel = 0.5, flip = 0.1 }
+    [[case]]
+    material = "*.mtlx"
+    size = "32x16"
+    [[adjust]]
+    cases = "vel*"
+    tolerance = "loose"
+    size = [8, 8]
+    """
+    metal, velvet = cases_of(folder, text)
+    assert (metal.size, metal.camera, metal.tolerance) == ((32, 16), Camera((0.0, 0.0, 4.0)), Tolerance())
+    assert (velvet.size, velvet.tolerance) == ((8, 8), Tolerance(max_rel=0.5, flip=0.1))
+    assert metal.time_limit == velvet.time_limit == 30.0
+
+
+def test_each_case_says_which_truth_it_has_and_why(folder: Path):
+    metal, velvet = cases_of(folder, '[[case]]\nmaterial = "*.mtlx"')
+    assert (metal.truth, velvet.truth) == ("physics", "baseline")
+    assert "sheen_bsdf" in velvet.reason
+    (forced,) = cases_of(folder, '[[case]]\nmaterial = "metal.mtlx"\ntruth = "baseline"')
+    assert (forced.truth, forced.reason) == ("baseline", "the suite says so")
+
+
+def test_a_value_that_brings_in_an_unknown_lobe_changes_the_truth(folder: Path):
+    mixed = METAL.replace(
+        'nodename="b"',
+        'nodename="x"',
+    ).replace(
+        "<surface ",
+        '<sheen_bsdf name="v" type="BSDF" /><mix name="x" type="BSDF"><input name="fg" type="BSDF" nodename="v" />'
+        '<input name="bg" type="BSDF" nodename="b" /><input name="mix" type="float" value="0" /></mix><surface ',
+        1,
+    )
+    (folder / "mixed.mtlx").write_text(mixed)
+    text = '[[case]]\nmaterial = "mixed.mtlx"\n[case.matrix]\n"input:x/mix" = [0, 0.25]'
+    assert [case.truth for case in cases_of(folder, text)] == ["physics", "baseline"]
+
+
+def test_names_below_a_pattern_hold_the_folders_and_no_other_file_changes_them(folder: Path):
+    text = '[[case]]\nmaterial = "set/**/*.mtlx"'
+    assert loaded(folder, text) == ["deep.metal"]
+    (folder / "set" / "metal.mtlx").write_text(METAL)
+    assert loaded(folder, text) == ["deep.metal", "metal"]
+
+
+def test_each_material_of_a_document_is_a_case(folder: Path):
+    (folder / "two.mtlx").write_text(TWO)
+    assert loaded(folder, '[[case]]\nmaterial = "two.mtlx"') == ["two-metal", "two-again"]
+    assert loaded(folder, '[[case]]\nmaterial = "two.mtlx"\nelement = "again"') == ["two-again"]
+
+
+def test_a_template_names_cases(folder: Path):
+    text = """
+    [[case]]
+    material = "metal.mtlx"
+    name = "the {material} {element} at {b/retroreflectivity}/{size}"
+    [case.matrix]
+    size = ["8x8"]
+    "input:b/retroreflectivity" = [0.25]
+    """
+    assert loaded(folder, text) == ["the_metal_metal_at_0.25_8x8"]
+
+
+def test_every_name_is_fit_for_a_folder(folder: Path):
+    text = '[[case]]\nmaterial = "metal.mtlx"\nname = "../../{material}:<é>|*"'
+    (name,) = loaded(folder, text)
+    assert re.fullmatch(r"[A-Za-z0-9_.+-]+", name) and not name.startswith(".")
+
+
+def test_a_folder_without_a_suite_is_one(folder: Path):
+    assert [case.name for case in load(folder).cases] == ["metal", "set.deep.metal", "velvet"]
+    (folder / "report" / "cases" / "metal").mkdir(parents=True)
+    (folder / "report" / "report.json").write_text("{}")
+    (folder / "report" / "cases" / "metal" / "material.mtlx").write_text(METAL)
+    assert [task.name for task in suites.suite(str(folder))] == ["metal", "set.deep.metal", "velvet"]
+
+
+def test_files_beside_the_suite_s_folder_move_with_it(folder: Path):
+    text = '[[case]]\nmaterial = "../../metal.mtlx"\nmesh = "../../box.obj"\nmask = "../../mask.png"'
+    (case,) = cases_of(folder / "set" / "deep", text)
+    assert case.root == folder
+    assert {path.relative_to(folder).as_posix() for path in case.files()} == {
+        "metal.mtlx",
+        "box.obj",
+        "mask.png",
+    }
+    assert case.moved(Path("/elsewhere")).files()[0] == Path("/elsewhere/metal.mtlx")
+    assert case.store.folder == folder / "set" / "deep" / "baselines"
+
+
+def test_a_case_is_data(folder: Path):
+    (case,) = cases_of(folder, '[[case]]\nmaterial = "metal.mtlx"\nenvironment = "studio"')
+    assert pickle.loads(pickle.dumps(case)) == case
+    assert json.loads(json.dumps(case.describe()))["environment"] is not None
+
+
+FAULTS = {
+    "no TOML": ("a = \n", ":1:", "not TOML"),
+    "no case": ('title = "x"', ":1:", "case: is missing"),
+    "unknown table": (
+        '[camera]\nfront = "0,0,1"\n[[case]]\nmaterial = "metal.mtlx"',
+        ":1: camera",
+        "cameras",
+    ),
+    "unknown key": (
+        '[[case]]\nmaterial = "metal.mtlx"\nmehs = "sphere"',
+        ":3: case 1.mehs",
+        "did you mean mesh?",
+    ),
+    "second case": (
+        '[[case]]\nmaterial = "metal.mtlx"\n\n[[case]]\nname = "b"\nmaterial = "metal.mtlx"\nsizes = 3',
+        ":7: case 2.sizes",
+        "did you mean size?",
+    ),
+    "no material": ('[[case]]\nmesh = "sphere"', ":1: case 1.material", "is missing"),
+    "no such material": (
+        '[[case]]\nmaterial = "metall.mtlx"',
+        ":2: case 1.material",
+        "did you mean metal.mtlx",
+    ),
+    "a size": ('[[case]]\nmaterial = "metal.mtlx"\nsize = "big"', ":3: case 1.size", '"640x480"'),
+    "a huge size": ('[[case]]\nmaterial = "metal.mtlx"\nsize = 1000000', ":3: case 1.size", "16384"),
+    "a truth": ('[[case]]\nmaterial = "metal.mtlx"\ntruth = "yes"', ":3: case 1.truth", "'physics'"),
+    "no physics": ('[[case]]\nmaterial = "velvet.mtlx"\ntruth = "physics"', ":3: case 1.truth", "sheen_bsdf"),
+    "a mesh": (
+        '[[case]]\nmaterial = "metal.mtlx"\nmesh = "spheer"',
+        ":3: case 1.mesh",
+        "did you mean sphere?",
+    ),
+    "a mesh file": ('[[case]]\nmaterial = "metal.mtlx"\nmesh = "a.obj"', ":3: case 1.mesh", "no mesh file"),
+    "a mesh in a table": (
+        '[meshes]\na = "a.obj"\n[[case]]\nmaterial = "metal.mtlx"',
+        ":2: meshes.a",
+        "no mesh",
+    ),
+    "a camera": (
+        '[[case]]\nmaterial = "metal.mtlx"\ncamera = "front"',
+        ":3: case 1.camera",
+        "A camera is X,Y,Z",
+    ),
+    "a camera in a table": (
+        '[cameras]\nfront = "0,0"\n[[case]]\nmaterial = "metal.mtlx"',
+        ":2: cameras.front",
+        "three finite numbers",
+    ),
+    "a light": ('[[case]]\nmaterial = "metal.mtlx"\nlight = "sun"', ":3: case 1.light", "A light is camera"),
+    "a default": (
+        '[defaults]\nlight = "sun"\n[[case]]\nmaterial = "metal.mtlx"',
+        ":2: defaults.light",
+        "sun",
+    ),
+    "an environment": (
+        '[environments]\na = { map = "x.hdr", turn = 3 }\n[[case]]\nmaterial = "metal.mtlx"',
+        ":2: environments.a.turn",
+        "known: intensity, map, rotation, samples",
+    ),
+    "a tolerance": (
+        '[[case]]\nmaterial = "metal.mtlx"\ntolerance = "x"',
+        ":3: case 1.tolerance",
+        "there is none",
+    ),
+    "a threshold": (
+        '[tolerances.close]\nmax_rel = -1\n[[case]]\nmaterial = "metal.mtlx"',
+        ":2: tolerances.close.max_rel",
+        "greater than or equal to 0",
+    ),
+    "a threshold that is no number": (
+        '[tolerances.close]\nflip = nan\n[[case]]\nmaterial = "metal.mtlx"',
+        ":2: tolerances.close.flip",
+        "finite number",
+    ),
+    "an axis": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.matrix]\nroughness = [1]',
+        ":4: case 1.matrix.roughness",
+        "input:NODE/INPUT",
+    ),
+    "an axis of one value": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.matrix]\nmesh = "sphere"',
+        ":4: case 1.matrix.mesh",
+        "a valid list",
+    ),
+    "an axis of none": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.matrix]\nmesh = []',
+        ":4: case 1.matrix.mesh",
+        "empty",
+    ),
+    "an axis and a key": (
+        '[[case]]\nmaterial = "metal.mtlx"\nmesh = "sphere"\n[case.matrix]\nmesh = ["plane"]',
+        ":5: case 1.matrix.mesh",
+        "also given",
+    ),
+    "an input": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.input]\n"b/rough" = 1',
+        ":4: case 1.input.b/rough",
+        "did you mean b/roughness",
+    ),
+    "a value of an axis": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.matrix]\n"input:b/weight" = [1, "no"]',
+        ":4: case 1.matrix.input:b/weight",
+        "'no' is no float",
+    ),
+    "a date for a value": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.input]\n"b/weight" = 2020-01-01',
+        ":4: case 1.input.b/weight",
+        "is no value",
+    ),
+    "infinity for a value": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.input]\n"b/weight" = inf',
+        ":4: case 1.input.b/weight",
+        "finite",
+    ),
+    "one name twice": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[[case]]\nmaterial = "metal.mtlx"',
+        ":3: case 2",
+        "is taken by case 1",
+    ),
+    "a template": ('[[case]]\nmaterial = "metal.mtlx"\nname = "{meterial}"', ":3: case 1.name", "{material}"),
+    "an element": (
+        '[[case]]\nmaterial = "metal.mtlx"\nelement = "metl"',
+        ":3: case 1.element",
+        "did you mean metal",
+    ),
+    "an adjustment of nothing": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[[adjust]]\ncases = "x*"',
+        ":4: adjust 1.cases",
+        "no case matches",
+    ),
+    "a matrix without end": (
+        '[[case]]\nmaterial = "metal.mtlx"\n[case.matrix]\n'
+        + "\n".join(f'"input:b/i{k}" = [{", ".join(map(str, range(100)))}]' for k in range(9)),
+        ":3: case 1.matrix",
+        "1000000000000000000 cases",
+    ),
+}
+
+
+@pytest.mark.parametrize("text, place, words", FAULTS.values(), ids=FAULTS)
+def test_a_fault_is_named_by_file_line_and_key_with_what_is_expected(
+    folder: Path, text: str, place: str, words: str
+):
+    with pytest.raises(SuiteError) as fault:
+        cases_of(folder, text)
+    message = fault.value.faults[0]
+    assert f"suite.toml{place}" in message
+    assert words in message
+
+
+def test_a_fault_of_a_material_is_a_fault_of_the_case_that_names_it(folder: Path):
+    (folder / "metal.mtlx").write_text(METAL.replace("mrm_conductor", "mrm_conductr"))
+    with pytest.raises(SuiteError, match=r":2: case 1\.material: .*did you mean mrm_conductor_bsdf"):
+        cases_of(folder, '[[case]]\nmaterial = "metal.mtlx"')
+
+
+def test_all_faults_are_told_at_once(folder: Path, capsys: pytest.CaptureFixture[str]):
+    (folder / "suite.toml").write_text(
+        '[[case]]\nmaterial = "metal.mtlx"\nmesh = "x"\n[[case]]\nmaterial = "velvet.mtlx"\nlight = "x"'
+    )
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["suite", "check", str(folder / "suite.toml")])
+    lines = capsys.readouterr().err.splitlines()
+    assert ended.value.code == 2
+    assert [re.search(r"toml:(\d+)", line)[1] for line in lines] == ["3", "6"]  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    "content",
+    [b"\xff\xfe\x00", b"x = " + b"[" * 5000, b"x = " + b"9" * 5000, b"", b"[[case]]\nmaterial = 3"],
+    ids=["not text", "nested deeply", "a number without end", "empty", "a number for a name"],
+)
+def test_what_is_no_suite_is_one_clear_error(folder: Path, content: bytes):
+    (folder / "suite.toml").write_bytes(content)
+    with pytest.raises(MrmError, match=r"suite\.toml"):
+        load(folder / "suite.toml")
+
+
+@pytest.mark.parametrize("name", ["nothing", "nothing.toml", "default.tom"])
+def test_an_unknown_suite_is_an_error(name: str):
+    with pytest.raises(MrmError, match=name):
+        suites.suite(name)
+
+
+def test_an_empty_folder_is_no_suite(tmp_path: Path):
+    with pytest.raises(MrmError, match=r"no \.mtlx file"):
+        suites.suite(str(tmp_path))
+
+
+def test_init_writes_a_suite_that_is_sound_and_takes_nothing_s_place(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    for status in (0, 2):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["suite", "init", str(tmp_path)])
+        assert ended.value.code == status
+    cases = load(tmp_path / "suite.toml").cases
+    assert {case.truth for case in cases} == {"physics"}
+    assert "exists" in capsys.readouterr().err
+
+
+def test_list_shows_the_truth_of_each_case_and_why(folder: Path, capsys: pytest.CaptureFixture[str]):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["suite", "list", str(folder), "--filter", "velvet"])
+    printed = capsys.readouterr().out
+    assert ended.value.code == 0
+    assert (
+        "baseline" in printed and "sheen_bsdf" in printed and "metal" not in printed.replace("metal.mtlx", "")
+    )
+
+
+def test_the_finished_materials_are_all_decided_by_physics():
+    assert {case.truth for case in load(materials_path()).cases} == {"physics"}

@@ -1,0 +1,327 @@
+"""Stored images: accepted case by case, recorded, and changed by nothing else."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrm_nodes import cli
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression import baseline
+from mrm_nodes.regression.baseline import Missing, Store
+from mrm_nodes.regression.material_case import MaterialCase
+from mrm_nodes.regression.outcome import as_record
+from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.worker import Worker
+from mrm_nodes.render import probe_backends, read_image, write_exr
+
+VELVET = """<materialx version="1.39">
+<sheen_bsdf name="b" type="BSDF"><input name="roughness" type="float" value="0.4" /></sheen_bsdf>
+<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="b" /></surface>
+<surfacematerial name="velvet" type="material">
+  <input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial>
+</materialx>"""
+SUITE = """
+[defaults]
+size = 32
+[[case]]
+material = "velvet.mtlx"
+[case.matrix]
+"input:b/roughness" = [0.3, 0.6]
+[[case]]
+material = "metal.mtlx"
+"""
+SOFT, ROUGH, METAL = "velvet-roughness0.3", "velvet-roughness0.6", "metal"
+
+
+@pytest.fixture(scope="module")
+def backend() -> str:
+    working = [probe.backend for probe in probe_backends() if probe.works]
+    return working[0] if working else pytest.skip("no backend works")
+
+
+@pytest.fixture(scope="module")
+def worker(backend: str) -> Worker:
+    return Worker(backend)
+
+
+def run_cases(folder: Path, worker: Worker) -> dict[str, str]:
+    """What `regress` does, in this process: the verdict of each case, and report.json."""
+    cases = load(folder / "suite.toml").cases
+    outcomes = [worker.run(case, folder / "report") for case in cases]
+    around = {"backends": {worker.backend: "some driver"}, "versions": {"MaterialX": "1"}, "platform": "here"}
+    report = {"environment": around, "cases": [as_record(outcome) for outcome in outcomes]}
+    (folder / "report" / "report.json").write_text(json.dumps(report))
+    return {outcome.name: outcome.verdict for outcome in outcomes}
+
+
+@pytest.fixture(scope="module")
+def made(worker: Worker, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("suite")
+    (folder / "velvet.mtlx").write_text(VELVET)
+    (folder / "metal.mtlx").write_text(VELVET.replace("sheen_bsdf", "oren_nayar_diffuse_bsdf"))
+    (folder / "suite.toml").write_text(SUITE)
+    assert run_cases(folder, worker) == {SOFT: "error", ROUGH: "error", METAL: "pass"}
+    return folder
+
+
+@pytest.fixture
+def suite(made: Path, tmp_path: Path) -> Path:
+    """A folder with a suite and the report of a run without baselines."""
+    return Path(shutil.copytree(made, tmp_path / "suite"))
+
+
+@pytest.fixture
+def command(suite: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run `mrm-nodes baseline`: exit status, stdout, stderr."""
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        files = ["--suite", str(suite / "suite.toml"), "--report", str(suite / "report")]
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["baseline", *arguments, *files])
+        said = capsys.readouterr()
+        return int(ended.value.code or 0), said.out, said.err
+
+    return call
+
+
+def stored(suite: Path) -> dict[str, bytes]:
+    """The files of the baselines, but for the log."""
+    folder = suite / "baselines"
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*")) if path.name != baseline.LOG}
+
+
+def log(suite: Path) -> list[tuple[str, str, str | None]]:
+    return [(entry["what"], entry["case"], entry["why"]) for entry in Store(suite / "baselines").decisions()]
+
+
+def test_a_case_without_a_baseline_is_an_error_that_says_how_to_accept_and_shows_the_render(suite: Path):
+    (record,) = (
+        each
+        for each in json.loads((suite / "report" / "report.json").read_text())["cases"]
+        if each["name"] == SOFT
+    )
+    assert record["truth"] == "baseline"
+    assert f"mrm-nodes baseline accept {SOFT}" in record["message"]
+    assert read_image(suite / "report" / record["files"]["render_data"]).max() > 0.01
+    assert "reference" not in record["files"]
+
+
+def test_what_is_accepted_passes_from_then_on_and_the_rest_does_not(suite: Path, command, worker: Worker):
+    status, out, _ = command("accept", SOFT, "--reason", "seen on a monitor")
+    assert status == 0 and f"accepted {SOFT}" in out
+    assert run_cases(suite, worker) == {SOFT: "pass", ROUGH: "error", METAL: "pass"}
+    assert log(suite) == [("accept", SOFT, "seen on a monitor")]
+
+
+def test_provenance_says_who_when_why_and_with_what(suite: Path, command):
+    command("accept", SOFT, "--reason", "as bought")
+    record = Store(suite / "baselines").provenance(SOFT)
+    assert record["accepted"]["why"] == "as bought" and record["accepted"]["who"]
+    assert record["driver"] == "some driver" and record["versions"] == {"MaterialX": "1"}
+    assert len(record["suite"]) == len(record["inputs"]) == len(record["sha256"]) == 64
+
+
+def test_a_changed_material_fails_against_its_baseline(suite: Path, command, worker: Worker):
+    command("accept", SOFT)
+    darker = VELVET.replace("</sheen_bsdf>", '<input name="weight" type="float" value="0.9" /></sheen_bsdf>')
+    (suite / "velvet.mtlx").write_text(darker)
+    before = stored(suite)
+    assert run_cases(suite, worker)[SOFT] == "fail"
+    assert command("status")[0] == 1
+    assert stored(suite) == before
+
+
+def test_a_render_of_other_inputs_is_not_accepted(suite: Path, command):
+    (suite / "velvet.mtlx").write_text(VELVET + "\n<!-- edited since the run -->\n")
+    status, _, err = command("accept", SOFT)
+    assert status == 2 and "changed since" in err
+    assert stored(suite) == {}
+
+
+def test_several_are_accepted_by_a_pattern_and_each_is_named(suite: Path, command):
+    status, out, _ = command("accept", "velvet-*")
+    assert status == 0
+    assert f"accepted {SOFT}" in out and f"accepted {ROUGH}" in out
+    assert len(log(suite)) == 2
+
+
+def test_one_case_that_cannot_be_accepted_keeps_the_others_from_it(suite: Path, command):
+    record = suite / "report" / "report.json"
+    report = json.loads(record.read_text())
+    report["cases"] = [each for each in report["cases"] if each["name"] != ROUGH]
+    record.write_text(json.dumps(report))
+    assert command("accept", SOFT, ROUGH)[0] == 2
+    assert stored(suite) == {}
+
+
+def test_rejecting_is_recorded_and_changes_no_baseline(suite: Path, command):
+    command("accept", SOFT)
+    before = stored(suite)
+    status, out, _ = command("reject", SOFT, ROUGH, "--reason", "too bright")
+    assert status == 0 and "as it was" in out
+    assert stored(suite) == before
+    assert log(suite)[1:] == [("reject", SOFT, "too bright"), ("reject", ROUGH, "too bright")]
+    assert "rejected, none accepted" in command("status")[1]
+
+
+def test_status_tells_missing_accepted_and_forgotten_ones_apart(suite: Path, command):
+    assert command("status")[0] == 1
+    command("accept", "*")
+    status, out, _ = command("status")
+    assert status == 0 and out.count("accepted") == 2
+    (suite / "suite.toml").write_text(SUITE.replace("[0.3, 0.6]", "[0.3]"))
+    assert "of no case" in command("status")[1]
+
+
+def test_diff_compares_the_last_run_with_the_baseline(suite: Path, command, worker: Worker):
+    command("accept", SOFT)
+    assert command("diff", SOFT)[0] == 0
+    render = suite / "report" / "cases" / worker.backend / SOFT / "render.exr"
+    write_exr(render, read_image(render) * 1.02)
+    status, out, _ = command("diff", SOFT)
+    assert status == 1 and "fail" in out
+    assert command("diff", ROUGH)[0] == 2
+
+
+@pytest.mark.parametrize("name", [METAL, "nothing"])
+def test_only_a_case_whose_truth_is_a_baseline_has_one(name: str, command, suite: Path):
+    status, _, err = command("accept", name)
+    assert status == 2
+    assert ('truth = "baseline"' in err) == (name == METAL)
+    assert stored(suite) == {}
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-20])
+
+
+def flip(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 4
+    path.write_bytes(bytes(content))
+
+
+def replace_by_another(path: Path) -> None:
+    write_exr(path, np.zeros((32, 32, 3)))
+
+
+@pytest.mark.parametrize(
+    ("file", "harm"),
+    [("exr", cut), ("exr", flip), ("exr", replace_by_another), ("exr", Path.unlink), ("json", cut)],
+)
+def test_a_damaged_baseline_is_an_error_that_says_what_to_do(
+    file: str, harm: Callable[[Path], None], suite: Path, command, worker: Worker
+):
+    command("accept", SOFT)
+    harm(suite / "baselines" / f"{SOFT}.{file}")
+    before = stored(suite)
+    (case,) = (case for case in load(suite / "suite.toml").cases if case.name == SOFT)
+    outcome = worker.run(case, suite / "report")
+    assert outcome.verdict == "error"
+    assert "restore it, or accept a new one" in outcome.message
+    status, out, _ = command("status")
+    assert status == 1 and "damaged" in out
+    assert stored(suite) == before
+    assert command("accept", SOFT)[0] == 0
+    assert worker.run(case, suite / "report").verdict == "pass"
+
+
+@pytest.mark.parametrize("content", ["", "{", "[]", '{"cases": 3}', '{"cases": [1], "environment": {}}'])
+def test_a_damaged_report_is_an_error(content: str, suite: Path, command):
+    (suite / "report" / "report.json").write_text(content)
+    status, _, err = command("accept", SOFT)
+    assert status == 2 and "report.json" in err
+
+
+def test_a_damaged_render_is_not_accepted(suite: Path, command, worker: Worker):
+    cut(suite / "report" / "cases" / worker.backend / SOFT / "render.exr")
+    assert command("accept", SOFT)[0] == 2
+    assert stored(suite) == {}
+
+
+def image(folder: Path, value: float) -> Path:
+    path = folder / f"{value}.exr"
+    write_exr(path, np.full((4, 4, 3), value))
+    return path
+
+
+@pytest.mark.parametrize(
+    "step", ["the image is written", "the provenance is replaced", "the image is replaced"]
+)
+def test_an_acceptance_that_is_cut_short_leaves_the_old_baseline_or_the_new_one(
+    step: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    store = Store(tmp_path / "baselines")
+    store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+
+    class Killed(BaseException):
+        pass
+
+    def die(*arguments: object) -> None:
+        raise Killed
+
+    original = baseline.write_text
+
+    def write_and_die(*arguments: object) -> None:
+        original(*arguments)  # type: ignore[arg-type]
+        raise Killed
+
+    if step == "the image is written":
+        monkeypatch.setattr(baseline, "write_text", die)
+    elif step == "the provenance is replaced":
+        monkeypatch.setattr(baseline, "write_text", write_and_die)
+    else:
+        monkeypatch.setattr(Path, "replace", die)
+    with pytest.raises(Killed):
+        store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+    monkeypatch.undo()
+    new = step == "the provenance is replaced"
+    if step != "the image is replaced":
+        assert store.provenance("a")["inputs"] == ("y" if new else "x")
+    assert (store.read("a") == (2.0 if store.provenance("a")["inputs"] == "y" else 1.0)).all()
+    store.accept("a", image(tmp_path, 3.0), {"inputs": "z"}, None)
+    assert (store.read("a") == 3.0).all()
+
+
+def test_a_store_that_cannot_be_written_is_one_clear_error_and_stays_as_it_is(tmp_path: Path):
+    (tmp_path / "baselines").write_text("a file in the way")
+    with pytest.raises(MrmError, match="cannot be written"):
+        Store(tmp_path / "baselines").accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+
+
+def test_a_baseline_of_another_size_is_an_error(tmp_path: Path):
+    store = Store(tmp_path / "baselines")
+    store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+    with pytest.raises(MrmError, match=r"4 × 4 pixels, but the case 8 × 8"):
+        store.read("a", (8, 8, 3))
+    with pytest.raises(Missing, match="no baseline yet"):
+        store.read("b")
+
+
+def test_a_damaged_log_costs_its_lines_only(tmp_path: Path):
+    store = Store(tmp_path / "baselines")
+    store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, "first")
+    with (tmp_path / "baselines" / baseline.LOG).open("a") as file:
+        file.write('{"what": "acc\n')
+    store.reject("a", image(tmp_path, 2.0), "second")
+    assert [entry["why"] for entry in store.decisions()] == ["first", "second"]
+
+
+def test_a_fingerprint_follows_what_is_rendered_and_nothing_else(suite: Path):
+    def of(text: str) -> str:
+        (suite / "suite.toml").write_text(text)
+        (case,) = (case for case in load(suite / "suite.toml").cases if case.name == SOFT)
+        assert isinstance(case, MaterialCase)
+        return baseline.fingerprint(case)
+
+    first = of(SUITE)
+    assert of(SUITE + '\n[tolerances]\nt = { flip = 0.1 }\n[[adjust]]\ncases = "*"\ntolerance = "t"') == first
+    assert of(SUITE.replace("size = 32", "size = 33")) != first
+    assert of(SUITE.replace("size = 32", 'size = 32\nmesh = "plane"')) != first

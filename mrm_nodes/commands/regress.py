@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from mrm_nodes.errors import MrmError
 
 FAILED = 1
 """Exit status where a comparison failed or ended in an error."""
+
+STDOUT = Path("-")
 
 
 def parse_shard(context: object, parameter: object, text: str | None) -> tuple[int, int]:
@@ -25,6 +28,19 @@ def parse_shard(context: object, parameter: object, text: str | None) -> tuple[i
     if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise MrmError(f"--shard {text}: write it as 2/5, the second of five parts")
     return int(number), int(count)
+
+
+def _results(command: Callable[..., int]) -> Callable[..., int]:
+    """The options of what is done with a report."""
+    for option in (
+        click.option("--strict", is_flag=True, help="Exit status 1 for cases that are undecided too."),
+        click.option("--junit", type=Path, metavar="FILE", help="Write the results as JUnit XML too."),
+        click.option(
+            "--json", "json_file", type=Path, metavar="FILE", help="Copy report.json there too; - is stdout."
+        ),
+    ):
+        command = option(command)
+    return command
 
 
 @click.command()
@@ -87,6 +103,7 @@ def parse_shard(context: object, parameter: object, text: str | None) -> tuple[i
     metavar="ADDRESS",
     help="Run on a Dask cluster: its scheduler's tcp://host:port, or local for one of --jobs workers here.",
 )
+@_results
 def regress(
     folder: Path,
     suite: str,
@@ -101,6 +118,9 @@ def regress(
     shard: tuple[int, int],
     address: str | None,
     allow_external: bool,
+    json_file: Path | None,
+    junit: Path | None,
+    strict: bool,
 ) -> int:
     """Render the suite, compare each pixel with the evaluator, and write report.json and index.html.
 
@@ -110,6 +130,7 @@ def regress(
     from mrm_nodes.regression import cache, cluster, suites, terminal
     from mrm_nodes.regression.run import run_suite
 
+    _prepare(json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
     known = None if no_cache else cache.Cache(cache_folder or cache.default_folder())
     try:
@@ -131,21 +152,57 @@ def regress(
     except KeyboardInterrupt:
         click.echo(f"interrupted; what was done is in {folder}: go on with --resume", err=True)
         raise
-    terminal.print_summary(report, folder / "index.html")
-    return _status(report)
+    return _publish(report, folder, json_file, junit, strict)
 
 
 @click.command()
 @click.argument("parts", type=Path, nargs=-1, required=True, metavar="DIR...")
 @click.option("-o", "--output", "folder", type=Path, required=True, help="Folder of the report.")
-def merge(parts: tuple[Path, ...], folder: Path) -> int:
+@_results
+def merge(
+    parts: tuple[Path, ...], folder: Path, json_file: Path | None, junit: Path | None, strict: bool
+) -> int:
     """Make one report of the reports DIR... of `regress --shard 1/N`, 2/N and so on."""
-    from mrm_nodes.regression import run, terminal
+    from mrm_nodes.regression import run
 
+    _prepare(json_file, junit)
     report = run.merge(parts, folder)
-    terminal.print_summary(report, folder / "index.html")
-    return _status(report)
+    return _publish(report, folder, json_file, junit, strict)
 
 
-def _status(report: dict[str, Any]) -> int:
-    return FAILED if report["summary"]["failed"] or report["summary"]["errors"] else 0
+def _prepare(*files: Path | None) -> None:
+    """Find out before a long run whether files can be written after it."""
+    from mrm_nodes.regression.files import prepare_folder
+
+    for file in files:
+        if file is not None and file != STDOUT:
+            if file.is_dir():
+                raise MrmError(f"{file}: this is a folder; name a file")
+            prepare_folder(file.parent)
+
+
+def _publish(
+    report: Mapping[str, Any], folder: Path, json_file: Path | None, junit: Path | None, strict: bool
+) -> int:
+    """Write and print what is asked for of a report, and return the exit status."""
+    import json
+
+    from rich.console import Console
+
+    from mrm_nodes.regression import terminal
+    from mrm_nodes.regression.files import write_text
+    from mrm_nodes.regression.junit import junit_xml
+
+    if junit is not None:
+        write_text(junit, junit_xml(report, strict))
+    text = json.dumps(report, indent=1, allow_nan=False) + "\n"
+    if json_file is not None and json_file != STDOUT:
+        write_text(json_file, text)
+    # The report alone is on stdout where it was asked for there.
+    console = Console(highlight=False, stderr=json_file == STDOUT)
+    terminal.print_summary(report, folder / "index.html", console)
+    if json_file == STDOUT:
+        click.echo(text, nl=False)
+    summary = report["summary"]
+    bad = summary["failed"] + summary["errors"] + (summary["undecided"] if strict else 0)
+    return FAILED if bad else 0

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -10,11 +12,25 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
 
 from mrm_nodes.regression.outcome import Outcome
 from mrm_nodes.regression.report import figure, share
 
 COLORS = {"pass": "green", "fail": "bold red", "error": "magenta", "undecided": "yellow", "skipped": "dim"}
+
+
+WORDS = {
+    "pass": "passed",
+    "fail": "failed",
+    "error": "errors",
+    "undecided": "undecided",
+    "skipped": "skipped",
+}
+"""By verdict, its name in a report's summary."""
+
+WORST = 5
+MOST_GROUPS = 12
 
 
 @contextmanager
@@ -54,30 +70,66 @@ def _pill(verdict: str) -> str:
 
 
 def print_summary(report: Mapping[str, Any], page: Path, console: Console | None = None) -> None:
-    """The counts, the worst case that was compared, the time, and where the page is."""
-    console = console or Console(highlight=False, soft_wrap=True)
-    summary = report["summary"]
+    """One screen of 80 columns: the counts, a row for each node where there are few, the worst, and the page."""
+    console = console or Console(highlight=False)
+    summary, cases = report["summary"], report["cases"]
+    partial = report["environment"].get("partial")
+    if partial:
+        console.print(f"[yellow]partial[/]: {escape(str(partial))}")
     counts = [
-        f"[{COLORS[verdict]}]{summary[key]} {word}[/]"
-        for key, verdict, word in (
-            ("passed", "pass", "passed"),
-            ("failed", "fail", "failed"),
-            ("errors", "error", "errors"),
-            ("undecided", "undecided", "undecided"),
-            ("skipped", "skipped", "skipped"),
-        )
-        if summary[key] or key == "passed"
+        f"[{COLORS[verdict]}]{summary[word]} {word}[/]"
+        for verdict, word in WORDS.items()
+        if summary[word] or verdict == "pass"
     ]
     console.print(f"{', '.join(counts)} of {summary['total']} in {summary['seconds']:.0f} s")
-    for name, reason in {
-        case["backend"]: case["message"] for case in report["cases"] if case["verdict"] == "skipped"
-    }.items():
-        console.print(f"skipped {name}: {escape(reason)}")
-    compared = [case for case in report["cases"] if case.get("used") is not None]
-    if compared:
-        worst = max(compared, key=lambda case: case["used"])
-        console.print(
-            f"worst: {worst['backend']} {worst['name']}, {figure(worst['max_rel'])} at most, "
-            f"{share(worst['used'])} of its bound"
+    reasons = Counter((case["backend"], case["message"]) for case in cases if case["verdict"] == "skipped")
+    for (backend, reason), count in reasons.most_common(WORST):
+        console.print(f"skipped {count} on {backend}: {escape(reason)}")
+    groups = sorted({(case["node"], case["target"]) for case in cases})
+    if 1 < len(groups) <= MOST_GROUPS:
+        console.print(_by_group(groups, cases))
+    worst = [case for case in cases if case["verdict"] in ("fail", "error", "undecided")][:WORST]
+    if not worst:
+        compared = [case for case in cases if "used" in case]
+        worst = sorted(compared, key=lambda case: math.inf if case["used"] is None else case["used"])[-1:]
+    if worst:
+        console.print("the worst:")
+        console.print(_worst(worst))
+    console.print(f"report: {escape(str(page))}", soft_wrap=True)
+
+
+def _by_group(groups: Sequence[tuple[str, str]], cases: Sequence[Mapping[str, Any]]) -> Table:
+    """The counts of each node and target."""
+    counts = Counter((case["node"], case["target"], case["verdict"]) for case in cases)
+    verdicts = [verdict for verdict in WORDS if any(counts[*group, verdict] for group in groups)]
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), width=80, expand=True)
+    table.add_column("node", ratio=1, no_wrap=True)
+    table.add_column("target", no_wrap=True, max_width=8)
+    for verdict in verdicts:
+        table.add_column(verdict, justify="right", no_wrap=True)
+    for group in groups:
+        cells = [(verdict, counts[*group, verdict]) for verdict in verdicts]
+        shown = [f"[{COLORS[verdict]}]{count}[/]" if count else "" for verdict, count in cells]
+        table.add_row(*(escape(name) for name in group), *shown)
+    return table
+
+
+def _worst(cases: Sequence[Mapping[str, Any]]) -> Table:
+    """A row for each case: what it is, and its share of the bound or its message."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), width=80, expand=True, show_header=False)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True)
+    table.add_column(no_wrap=True, ratio=1, overflow="ellipsis")
+    table.add_column(no_wrap=True, max_width=34, overflow="ellipsis")
+    for case in cases:
+        told = case["message"]
+        if not told and "used" in case:
+            errors = f"{figure(case['max_rel'])}, {share(case['used'])} of its bound"
+            told = "not finite" if case["used"] is None else errors
+        table.add_row(
+            _pill(case["verdict"]),
+            escape(case["backend"]),
+            escape(case["name"]),
+            escape(" ".join(told.split())),
         )
-    console.print(f"report: {escape(str(page))}")
+    return table

@@ -326,6 +326,19 @@ def test_the_probe_reads_both_float32_values_and_the_error(opened):
     expect(page.locator("#probe-place")).to_contain_text("beside the mesh")
 
 
+def test_numbers_are_written_as_the_terminal_writes_them_and_float32_in_full(opened):
+    page = opened()
+    rng = np.random.default_rng(3)
+    values = (10.0 ** rng.uniform(-30, 30, 400) * rng.choice([-1, 1], 400)).astype(np.float32)
+    texts = page.evaluate("values => values.map(float32Text)", [float(each) for each in values])
+    assert [np.float32(text) for text in texts] == list(values)
+    assert all(len(re.sub(r"e.*|[-.]|^0\.0*", "", text)) <= 9 for text in texts if "e" in text)
+    known = [0.0, 3.4e-4, 0.00949, 0.0095, 0.42, 1.0, 9.99, 10.0, 12345.6]
+    assert page.evaluate("values => values.map(share)", known) == [share(each) for each in known]
+    assert page.evaluate("values => values.map(figure)", known) == [figure(each) for each in known]
+    assert page.evaluate("[share(null), figure(null)]") == [share(None), figure(None)]
+
+
 def test_a_case_opens_with_the_probe_on_its_worst_pixel_and_arrows_move_it(opened):
     page = opened()
     open_case(page, "fails #1 100%")

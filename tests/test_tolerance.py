@@ -100,7 +100,16 @@ def test_the_map_is_the_share_of_the_bound_and_marks_the_worst_pixel():
     assert np.unravel_index(np.argmax(used), SIZE) == (5, 6)
     assert used.max() == pytest.approx(2.0)
     assert compared(image, Tolerance(flip=0.1)).used is None
-    assert compared(image, Tolerance(rmse=1e-3)).used.max() == pytest.approx(4.0 * scene()[5, 6, 0])
+
+
+def test_a_pixel_uses_of_a_root_mean_square_what_it_would_use_alone():
+    image = scene()
+    image[5, 6, 0] += 0.1
+    alone = compared(image, Tolerance(rmse=1e-3))
+    assert alone.used.max() == pytest.approx(alone.figures.used)
+    image[9, 9] += 0.2
+    both = compared(image, Tolerance(rmse=1e-3))
+    assert np.sqrt(np.sum(both.used**2)) == pytest.approx(both.figures.used)
 
 
 def test_flip_lies_where_the_difference_is():

@@ -123,7 +123,7 @@ def compare_images(
     return Comparison(
         _verdict(kept, asked) if np.isfinite(pixels[covered]).all() else "fail",
         figures,
-        _used(pixels, truth, asked),
+        _used(pixels, truth, covered, asked),
         maps[worst_map] if worst_map else None,
     )
 
@@ -204,18 +204,18 @@ def _verdict(measured: dict[str, _Measured], asked: dict[str, float]) -> Verdict
     return "pass" if all(each.high <= asked[name] for name, each in measured.items()) else "undecided"
 
 
-def _used(image: Array, reference: Array, asked: dict[str, float]) -> Array | None:
-    """A pixel's error over the strictest sense in which a threshold is one on pixels: worst, percentile, mean."""
+def _used(image: Array, reference: Array, mask: NDArray[np.bool_], asked: dict[str, float]) -> Array | None:
+    """What each pixel uses of the bound on the worst value; else on the percentile; else, alone, on the mean square."""
     if "max_rel" in asked or "p999_rel" in asked:
-        error = relative_error(image, reference)
+        size = np.max(relative_error(image, reference), axis=-1)
         bound = asked.get("max_rel", asked.get("p999_rel", 0.0))
     elif "rmse" in asked:
-        error, bound = np.abs(image - reference), asked["rmse"]
+        size = np.sqrt(np.sum((image - reference) ** 2, axis=-1) / (3 * mask.sum()))
+        bound = asked["rmse"]
     else:
         return None
-    largest = np.max(error, axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        used: Array = np.where(largest == 0, 0.0, largest / bound)
+        used: Array = np.where(size == 0, 0.0, size / bound)
     return np.where(np.isfinite(used), used, np.inf)
 
 

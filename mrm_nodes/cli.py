@@ -15,6 +15,7 @@ import click
 from mrm_nodes.commands.baseline import baseline
 from mrm_nodes.commands.options import external_option
 from mrm_nodes.commands.regress import merge, regress
+from mrm_nodes.commands.scene import scene
 from mrm_nodes.commands.suite import suite
 from mrm_nodes.errors import MrmError, MrmWarning
 
@@ -84,6 +85,7 @@ def doctor(backend: str) -> int:
 
 cli.add_command(baseline)
 cli.add_command(regress)
+cli.add_command(scene)
 cli.add_command(suite)
 cli.add_command(merge)
 

@@ -26,11 +26,11 @@ def patch(name: str, surface: Surface, columns: int, rows: int) -> Mesh:
     first = (np.arange(rows)[:, None] * (columns + 1) + np.arange(columns)).ravel()
     lower = np.stack([first, first + 1, first + columns + 2], axis=1)
     upper = np.stack([first, first + columns + 2, first + columns + 1], axis=1)
-    flat = [
-        array.reshape(-1, array.shape[-1]) for array in (surface(s, t), _unit(np.cross(along_s, along_t)))
-    ]
-    tangents = _unit(along_s).reshape(-1, 3)
-    return Mesh(name, *flat, tangents, np.stack([s, t], -1).reshape(-1, 2), np.concatenate([lower, upper]))
+    positions, normals, tangents = (
+        array.reshape(-1, 3) for array in (surface(s, t), _unit(np.cross(along_s, along_t)), _unit(along_s))
+    )
+    texcoords = np.stack([s, t], -1).reshape(-1, 2)
+    return Mesh(name, positions, normals, tangents, texcoords, np.concatenate([lower, upper]))
 
 
 def turned(name: str, pieces: Sequence[Sequence[tuple[float, float]]], sides: int = 96) -> Mesh:
@@ -156,19 +156,22 @@ def moved(
 def joined(name: str, parts: Sequence[Mesh]) -> Mesh:
     """Return several meshes as one."""
     offsets = np.cumsum([0] + [len(part.positions) for part in parts[:-1]])
-    arrays = [
+    positions, normals, tangents, texcoords = (
         np.concatenate([getattr(part, key) for part in parts])
         for key in ("positions", "normals", "tangents", "texcoords")
-    ]
+    )
     indices = np.concatenate(
         [part.indices.astype(np.int64) + o for part, o in zip(parts, offsets, strict=True)]
     )
-    return Mesh(name, *arrays, indices)
+    return Mesh(name, positions, normals, tangents, texcoords, indices)
 
 
 def cone_body() -> Mesh:
     """Return the body of a traffic cone 0.72 high, without its foot; v is the height over 0.72."""
-    slope = lambda y: 0.152 - (y - 0.035) * 0.178  # noqa: E731
+
+    def slope(y: float) -> float:
+        return 0.152 - (y - 0.035) * 0.178
+
     return turned(
         "cone",
         [

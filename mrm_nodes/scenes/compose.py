@@ -6,18 +6,19 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import MaterialX as mx
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-import mrm_nodes
-from mrm_nodes.render import Camera, DirectionalLight, Mesh, PointLight, SpotLight, shared_renderer
-from mrm_nodes.shadergen import Shader
-from scenes.shapes import joined
+from mrm_nodes.errors import MrmError
+from mrm_nodes.render import Camera, DirectionalLight, Light, Mesh, PointLight, SpotLight, shared_renderer
+from mrm_nodes.scenes.shapes import joined
+from mrm_nodes.shadergen import Shader, generate_shader
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 Vec3 = tuple[float, float, float]
 
 
@@ -34,11 +35,19 @@ class Thing:
 class Lamp:
     """A light whose shadows have soft edges: its shading comes from the middle, its shadow from all of `size`."""
 
-    light: DirectionalLight | PointLight | SpotLight
+    light: Light
     size: float = 0.0
-    """Radius of a point or spot light; the sine of the angular radius of a directional one."""
+    """Radius of a light that has a place; the sine of the angular radius of a directional one."""
     shadow_samples: int = 1
     resolution: int = 1024
+
+
+@dataclass(frozen=True)
+class Room:
+    """Shadows are found inside this sphere."""
+
+    center: Vec3 = (0.0, 0.0, 0.0)
+    radius: float = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,9 +60,11 @@ class Scene:
     background: tuple[Vec3, Vec3] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     """Radiance at the lower and the upper edge of the picture, where nothing is."""
     exposure: float = 0.0
-    shadow_center: Vec3 = (0.0, 0.0, 0.0)
-    shadow_radius: float = 4.0
-    """Shadows are found inside this sphere."""
+    room: Room = Room()
+
+
+Rows = list[list[tuple[Scene, tuple[int, int]]]]
+"""Pictures beside and above each other: what each shows, and its width and height."""
 
 
 def render(scene: Scene, size: tuple[int, int], samples: int = 2) -> Array:
@@ -92,7 +103,24 @@ def render(scene: Scene, size: tuple[int, int], samples: int = 2) -> Array:
         lit = _visibility(scene, casters, lamp, position[seen], normal[seen])
         total += radiance[index][seen] * lit[:, None]
     picture[seen] = total
-    return picture.reshape(size[1], samples, size[0], samples, 3).mean(axis=(1, 3))
+    mean: Array = picture.reshape(size[1], samples, size[0], samples, 3).mean(axis=(1, 3))
+    return mean
+
+
+SKY = (0.62, 0.74, 0.95)
+
+
+def dome(strength: float, count: int = 7, color: Vec3 = SKY) -> list[Lamp]:
+    """Return a sky as directional lights, each with its shadow: where they crowd out, it is dark."""
+    lamps = []
+    for k in range(count):
+        up = 0.18 + 0.8 * (k + 0.5) / count
+        around = k * math.pi * (3.0 - math.sqrt(5.0))
+        across = math.sqrt(1.0 - up * up)
+        direction = (-across * math.cos(around), -up, -across * math.sin(around))
+        light = DirectionalLight(direction, color, math.pi * strength / count)
+        lamps.append(Lamp(light, 0.2, 3, 512))
+    return lamps
 
 
 def _merged(things: Sequence[Thing]) -> list[Thing]:
@@ -114,7 +142,8 @@ def display(picture: Array, exposure: float) -> Array:
     rolled = np.where(peak > knee, knee + (1.0 - knee) * (1.0 - np.exp(-over / (1.0 - knee))), peak)
     hue = x * (rolled / np.maximum(peak, 1e-9))
     white = np.clip((np.log2(np.maximum(peak, 1e-9)) - 0.5) / 4.0, 0.0, 0.6)
-    return np.clip(hue + (rolled - hue) * white, 0.0, 1.0)
+    shown: Array = np.clip(hue + (rolled - hue) * white, 0.0, 1.0)
+    return shown
 
 
 def _visibility(scene: Scene, casters: Mesh | None, lamp: Lamp, position: Array, normal: Array) -> Array:
@@ -124,7 +153,7 @@ def _visibility(scene: Scene, casters: Mesh | None, lamp: Lamp, position: Array,
         return total + 1.0
     spots = _disk(lamp.shadow_samples) if lamp.size > 0.0 else np.zeros((1, 2))
     size = (lamp.resolution, lamp.resolution)
-    texel = 2.0 * scene.shadow_radius / lamp.resolution
+    texel = 2.0 * scene.room.radius / lamp.resolution
     for spot in spots:
         camera = _shadow_camera(scene, lamp, spot * lamp.size)
         drawn = shared_renderer().render(_plain(), casters, camera, [], size)
@@ -139,7 +168,7 @@ def _visibility(scene: Scene, casters: Mesh | None, lamp: Lamp, position: Array,
 
 def _shadow_camera(scene: Scene, lamp: Lamp, offset: Array) -> Camera:
     """Return the camera that sees the sphere of shadows from a point of the lamp."""
-    light, center, radius = lamp.light, np.array(scene.shadow_center), scene.shadow_radius
+    light, center, radius = lamp.light, np.array(scene.room.center), scene.room.radius
     if isinstance(light, DirectionalLight):
         axis = np.array(light.direction)
         right, up = _across(axis)
@@ -147,6 +176,8 @@ def _shadow_camera(scene: Scene, lamp: Lamp, offset: Array) -> Camera:
         axis /= np.linalg.norm(axis)
         place, far = center - 2.0 * radius * axis, 4.0 * radius
         return Camera(_vec(place), _vec(center), _vec(up), width=2.0 * radius, near=0.02, far=far)
+    if not isinstance(light, PointLight | SpotLight):
+        raise MrmError(f"{type(light).__name__} casts no shadow")
     place = np.array(light.position)
     right, up = _across(center - place)
     place = place + offset[0] * right + offset[1] * up
@@ -189,10 +220,12 @@ def _add_lit(total, position, normal, matrix, eye, axis, depth, texel):  # type:
 
 
 def _depth(camera: Camera, position: Array) -> Array:
+    distance: Array = np.linalg.norm(position - np.array(camera.position), axis=-1)
     if camera.width is None:
-        return np.linalg.norm(position - np.array(camera.position), axis=-1)
+        return distance
     axis = np.subtract(camera.target, camera.position)
-    return (position - np.array(camera.position)) @ (axis / np.linalg.norm(axis))
+    distance = (position - np.array(camera.position)) @ (axis / np.linalg.norm(axis))
+    return distance
 
 
 def _across(axis: Array) -> tuple[Array, Array]:
@@ -209,7 +242,8 @@ def _disk(count: int) -> Array:
     """Return points spread evenly over the unit disk: Vogel's spiral."""
     index = np.arange(count) + 0.5
     angle = index * math.pi * (3.0 - math.sqrt(5.0))
-    return np.sqrt(index / count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    points: Array = np.sqrt(index / count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    return points
 
 
 def _vec(array: Array) -> Vec3:
@@ -223,4 +257,4 @@ def _plain() -> Shader:
     document = mx.createDocument()
     shader = document.addNode("surface_unlit", "plain", "surfaceshader")
     document.addMaterialNode("plain_material", shader)
-    return mrm_nodes.generate_shader(document, max_lights=1)
+    return generate_shader(document, max_lights=1)

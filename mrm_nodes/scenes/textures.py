@@ -13,11 +13,12 @@ def noise(size: tuple[int, int], grain: float | tuple[float, float], seed: int) 
     white = np.random.default_rng(seed).normal(size=size)
     fy, fx = np.fft.fftfreq(size[0])[:, None], np.fft.rfftfreq(size[1])[None, :]
     gy, gx = (grain, grain) if isinstance(grain, int | float) else grain
-    soft = np.fft.irfft2(
+    soft: Array = np.fft.irfft2(
         np.fft.rfft2(white) * np.exp(-2.0 * ((fy * gy) ** 2 + (fx * gx) ** 2) * np.pi), s=size
     )
     soft -= soft.mean()
-    return soft / soft.std()
+    soft /= soft.std()
+    return soft
 
 
 def step(value: Array, low: float, high: float) -> Array:

@@ -11,9 +11,8 @@ import MaterialX as mx
 import numpy as np
 from numpy.typing import NDArray
 
-import mrm_nodes
 from mrm_nodes.render import write_exr
-from mrm_nodes.shadergen import Shader
+from mrm_nodes.shadergen import Shader, generate_shader
 
 _TEXTURES = tempfile.TemporaryDirectory(prefix="mrm-scenes-")
 
@@ -41,7 +40,7 @@ def open_pbr(tiles: tuple[float, float] = (1.0, 1.0), **inputs: Any) -> Shader:
             image.addInput("texcoord", "vector2").setConnectedNode(scaled)
         socket.setConnectedNode(image)
     document.addMaterialNode("material", surface)
-    return mrm_nodes.generate_shader(document, max_lights=1, interface="reduced")
+    return generate_shader(document, max_lights=1, interface="reduced")
 
 
 def _scaled_uv(document: mx.Document, tiles: tuple[float, float]) -> mx.Node:

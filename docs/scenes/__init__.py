@@ -1,1 +1,0 @@
-"""The pictures of the README: geometry and textures made here, rendered with the node library."""

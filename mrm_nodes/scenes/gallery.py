@@ -1,0 +1,81 @@
+"""The scenes by name, as pictures."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.render import Mesh, load_mesh, write_png
+from mrm_nodes.scenes import cone, figures, road, vest
+from mrm_nodes.scenes.compose import Rows, display, render
+
+Array = NDArray[np.float64]
+
+TITLES = {
+    "cone": "Traffic cones by day, and in the beam of a torch beside the camera",
+    "vest": "A safety vest by day, and in the beam of a torch beside the camera",
+    "road": "A road by day, and at night as its driver sees it",
+    "figure3": "A dielectric ball: GGX and then MRM, each with the light at the camera and 60° from it",
+    "figure5": "A metal ball, GGX above and MRM below, with 0°, 45° and 90° between view and light",
+}
+
+_BUILT: dict[str, Callable[[], Rows]] = {"cone": cone.scene, "vest": vest.scene, "road": road.scene}
+_ON_A_MESH: dict[str, Callable[[Mesh], Rows]] = {"figure3": figures.figure3, "figure5": figures.figure5}
+_GAP = 6
+
+
+def draw(
+    name: str, mesh: str | os.PathLike[str] | None = None, scale: float = 1.0, samples: int = 2
+) -> NDArray[np.float32]:
+    """Return a scene's pictures beside and above each other: (h, w, 3), linear, from 0 to 1.
+
+    Args:
+        name: one of `TITLES`.
+        mesh: as in `mrm_nodes.render`, shown in place of the ball of the paper's figures.
+        scale: of the pictures.
+        samples: a pixel is the mean of samples × samples.
+
+    Raises:
+        MrmError: an unknown scene, a mesh where the scene has its own, or one that cannot be read.
+    """
+    if name not in TITLES:
+        raise MrmError(f"unknown scene {name}; there are {', '.join(TITLES)}")
+    if name in _ON_A_MESH:
+        rows = _ON_A_MESH[name](figures.ball() if mesh is None else load_mesh(mesh))
+    elif mesh is None:
+        rows = _BUILT[name]()
+    else:
+        raise MrmError(f"{name}: has its own geometry; a mesh can be shown in {' and '.join(_ON_A_MESH)}")
+    pictures = [
+        [
+            display(render(scene, (round(size[0] * scale), round(size[1] * scale)), samples), scene.exposure)
+            for scene, size in row
+        ]
+        for row in rows
+    ]
+    return _tiled(pictures).astype(np.float32)
+
+
+def scene_gallery(folder: str | os.PathLike[str], scale: float = 0.5) -> list[dict[str, str]]:
+    """Draw every scene, small, into a folder that exists, and return title, caption and image file of each."""
+    shown = []
+    for name, caption in TITLES.items():
+        image = f"scene-{name}.png"
+        write_png(Path(folder) / image, draw(name, scale=scale, samples=1))
+        shown.append({"title": name, "caption": caption, "image": image})
+    return shown
+
+
+def _tiled(rows: Sequence[Sequence[Array]]) -> Array:
+    """Put pictures side by side and above each other, with white between."""
+    bands = []
+    for row in rows:
+        gap = np.ones((row[0].shape[0], _GAP, 3))
+        bands.append(np.concatenate([part for picture in row for part in (picture, gap)][:-1], axis=1))
+    gap = np.ones((_GAP, bands[0].shape[1], 3))
+    return np.concatenate([part for band in bands for part in (band, gap)][:-1], axis=0)

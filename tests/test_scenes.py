@@ -1,0 +1,90 @@
+"""The scenes show what the paper describes, and are drawn by one command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from mrm_nodes.cli import cli
+from mrm_nodes.errors import MrmError
+from mrm_nodes.render import probe_backends, read_image, sphere
+from mrm_nodes.scenes import TITLES, draw
+from mrm_nodes.scenes.compose import render
+from mrm_nodes.scenes.figures import figure3, figure5
+
+needs_gl = pytest.mark.skipif(
+    not any(report.works for report in probe_backends()), reason="needs OpenGL: see `mrm-nodes doctor`"
+)
+SIZE = 40
+
+
+def on_the_ball(picture: np.ndarray) -> np.ndarray:
+    """The middle of the ball: a background is 0.004 or more everywhere, the rim is left out."""
+    y, x = np.mgrid[0:SIZE, 0:SIZE] - (SIZE - 1) / 2
+    return picture.mean(axis=-1)[np.hypot(x, y) < 0.36 * SIZE]
+
+
+def highlight(picture: np.ndarray) -> tuple[float, int]:
+    brightness = on_the_ball(picture)
+    return float(brightness.max()), int(brightness.argmax())
+
+
+@needs_gl
+@pytest.mark.parametrize("figure", [figure3, figure5])
+def test_mrm_is_bright_all_over_and_then_dark_where_ggx_only_moves(figure) -> None:
+    pictures = [render(scene, (SIZE, SIZE), 1) for row in figure(sphere()) for scene, _ in row]
+    count = len(pictures) // 2
+    ggx, mrm = pictures[:count], pictures[count:]
+    lit = on_the_ball(mrm[0])
+    assert lit.min() > 0.5 * lit.max()
+    for away in mrm[1:]:
+        assert on_the_ball(away).max() < 0.15 * lit.min()
+    bright, place = highlight(ggx[0])
+    assert on_the_ball(ggx[0]).min() < 0.2 * bright
+    for away in ggx[1:]:
+        still_bright, other_place = highlight(away)
+        assert still_bright > 0.4 * bright
+        assert other_place != place
+
+
+@needs_gl
+def test_the_command_draws_a_figure_on_a_mesh_of_the_users(tmp_path: Path) -> None:
+    output = tmp_path / "folder" / "figure.png"
+    arguments = [
+        "scene",
+        "figure3",
+        "-o",
+        str(output),
+        "--mesh",
+        "baluster",
+        "--scale",
+        "0.1",
+        "--samples",
+        "1",
+    ]
+    result = CliRunner().invoke(cli, arguments)
+    assert result.exit_code == 0, result.output
+    # Four pictures beside each other, six white pixels between them.
+    assert read_image(output).shape == (21, 4 * 21 + 3 * 6, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "mesh", "message"),
+    [
+        ("cones", None, f"unknown scene cones; there are {', '.join(TITLES)}"),
+        ("cone", "sphere", "cone: has its own geometry; a mesh can be shown in figure3 and figure5"),
+        ("figure3", "no_such.glb", r"no_such\.glb"),
+    ],
+)
+def test_what_cannot_be_drawn_is_said(name: str, mesh: str | None, message: str) -> None:
+    with pytest.raises(MrmError, match=message):
+        draw(name, mesh)
+
+
+def test_an_unknown_ending_leaves_no_folder(tmp_path: Path) -> None:
+    result = CliRunner().invoke(cli, ["scene", "figure3", "-o", str(tmp_path / "folder" / "a.gif")])
+    assert isinstance(result.exception, MrmError)
+    assert not (tmp_path / "folder").exists()

@@ -8,6 +8,7 @@ import pytest
 
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
+from mrm_nodes.regression.executors import Judged
 from mrm_nodes.regression.worker import Worker
 
 FAULTS = {
@@ -65,8 +66,8 @@ def test_the_command_line_says_so_with_its_status(working_backend, tmp_path, mon
     from mrm_nodes.regression import run
 
     fault = planted("a forgotten 1/4")
-    monkeypatch.setattr(run, "_run_backend", lambda tasks, folder, backend, jobs: (
-        Worker(backend, fault).run(task, folder) for task in tasks))  # fmt: skip
+    monkeypatch.setattr(run, "run_locally", lambda tasks, backend, scratch, *others: (
+        Judged(task, Worker(backend, fault).run(task, scratch), scratch) for task in tasks))  # fmt: skip
     arguments = [
         "regress",
         "-o",
@@ -75,6 +76,7 @@ def test_the_command_line_says_so_with_its_status(working_backend, tmp_path, mon
         working_backend,
         "--filter",
         "figure5-0deg-retro1",
+        "--no-cache",
     ]
     with pytest.raises(SystemExit) as ended:
         cli.main(arguments)

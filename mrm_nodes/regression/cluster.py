@@ -226,7 +226,9 @@ def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | Mis
         return Missing(missing)
     tree = store.lay_out(order.digests, contents)
     with tempfile.TemporaryDirectory(dir=store.root) as scratch:
-        outcome = _judge(order, order.task.moved(tree) if order.digests else order.task, Path(scratch))
+        root = inputs.root_of(order.task)
+        task = order.task.moved(tree / root.relative_to(root.anchor)) if order.digests else order.task
+        outcome = _judge(order, task, Path(scratch))
         found = sorted(file for file in Path(scratch).rglob("*") if file.is_file())
         files = {str(file.relative_to(scratch)): file.read_bytes() for file in found}
     return Result(_without(str(tree), as_record(outcome)), files)

@@ -31,9 +31,12 @@ _START_LIMIT = 120.0
 """Seconds that a worker process may take to start."""
 
 _STARTS = 3
-"""Times in a row that a worker process may die as it starts, before the run is given up."""
+"""Times that a worker process may die as it starts, with no sign of life from any, before the run is given up."""
 
 UNSOUND = "the worker's OpenGL no longer draws"
+
+_ENVIRONMENT_LIGHTS = 2000
+"""What the reference of an environment costs, in lights."""
 
 _SECONDS_A_POINT = 4e-6
 """A shaded point with one light, on one processor: only the order of tasks hangs on it."""
@@ -52,7 +55,7 @@ def estimate(task: Task) -> float:
     """Seconds that a task may take, from the points that it shades: a guess, to start with the longest."""
     setup = task.describe()
     width, height = setup.get("size") or (0, 0)
-    lights = max(1, len(setup.get("lights") or ()))
+    lights = _ENVIRONMENT_LIGHTS if setup.get("environment") else max(1, len(setup.get("lights") or ()))
     points: int = width * height * lights + setup.get("configurations", 0)
     return _SECONDS_A_POINT * points
 
@@ -139,6 +142,9 @@ class WorkerProcess:
     @property
     def pid(self) -> int:
         return self._process.pid
+
+    def is_alive(self) -> bool:
+        return self._process.poll() is None
 
     @property
     def seconds_left(self) -> float:
@@ -267,7 +273,12 @@ class _Crew:
         return any(member.task for member in self.members)
 
     def idle(self) -> list[WorkerProcess]:
-        return [member for member in self.members if member.driver and member.task is None]
+        """Members that wait for a task. One that died while it waited is replaced, at no task's cost."""
+        idle = [member for member in self.members if member.driver and member.task is None]
+        for member in idle:
+            if not member.is_alive():
+                self.replace(member)
+        return [member for member in idle if member in self.members]
 
     def answers(self) -> list[tuple[WorkerProcess, Any]]:
         """Wait until members answer their tasks; where one is lost, that is its answer.
@@ -293,10 +304,11 @@ class _Crew:
                     raise MrmError(f"worker processes do not start: {lost}; see `mrm-nodes doctor`") from None
                 self.replace(member)
                 continue
+            self._failed_starts = 0
             if member.driver:
                 answers.append((member, answer))
             else:
-                member.driver, self._failed_starts = answer, 0
+                member.driver = answer
         return answers
 
     def replace(self, member: WorkerProcess) -> None:

@@ -124,8 +124,19 @@ def key(task: Task, backend: str, inputs: Inputs, around: Mapping[str, str]) -> 
             "node": task.node,
             "target": task.target,
             "setup": task.describe(),
-            "files": {str(path): inputs.digest(path) for path in task.files()},
+            "files": {_name(path, task): inputs.digest(path) for path in task.files()},
             "backend": backend,
             "conditions": dict(around),
         }
     )
+
+
+def root_of(task: Task) -> Path:
+    """The folder that the names of a task's files are relative to; `moved` puts another in its place."""
+    root: Path = getattr(task, "root", Path("/"))
+    return root
+
+
+def _name(path: Path, task: Task) -> str:
+    """A file's name, the same wherever the suite lies."""
+    return os.path.relpath(path, root_of(task))

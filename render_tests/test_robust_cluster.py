@@ -1,0 +1,130 @@
+"""On a cluster as here: the same figures and bytes, and each file travels to a worker once."""
+
+import itertools
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from dataclasses import replace
+
+import pytest
+from nasty import Nasty
+
+from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.cases import default_suite
+from mrm_nodes.regression.cloud import Cloud
+from mrm_nodes.regression.cluster import Cluster, Store, dask_cluster
+from mrm_nodes.regression.inputs import digest
+from mrm_nodes.regression.run import run_suite
+
+BY_LIGHTS = [case for case in default_suite() if case.environment is None]
+IMAGES = [replace(case, size=(48, 48)) for case in BY_LIGHTS[::12]]
+CLOUDS = [Cloud("mrm_conductor_bsdf", configurations=5000)]
+
+
+@pytest.fixture(scope="module")
+def tasks(tmp_path_factory):
+    """Images, a cloud, and tasks that share files with one another."""
+    folder = tmp_path_factory.mktemp("files")
+    files = [folder / "mesh.obj", folder / "texture.exr"]
+    for number, file in enumerate(files):
+        file.write_bytes(bytes([number]) * 300_000)
+    reading = [Nasty(f"reads-{number}", file=file) for number, file in enumerate(files * 5)]
+    return [*IMAGES, *CLOUDS, *reading]
+
+
+@pytest.fixture(scope="module")
+def expected(tasks, working_backend, tmp_path_factory):
+    """What one worker process of this machine makes of the tasks."""
+    folder = tmp_path_factory.mktemp("one")
+    return run_suite(tasks, folder, working_backend), folder
+
+
+def is_the_same(report, folder, expected):
+    """Every figure and every byte of every file, but for the seconds."""
+    one, there = expected
+    cases = {case["name"]: {**case, "seconds": None} for case in report["cases"]}
+    assert cases == {case["name"]: {**case, "seconds": None} for case in one["cases"]}
+    files = {file.relative_to(there) for file in (there / "cases").rglob("*") if file.is_file()}
+    assert files == {file.relative_to(folder) for file in (folder / "cases").rglob("*") if file.is_file()}
+    for file in files:
+        assert (folder / file).read_bytes() == (there / file).read_bytes(), file
+
+
+def test_two_processes_do_as_one(tasks, expected, working_backend, tmp_path):
+    is_the_same(run_suite(tasks, tmp_path, working_backend, 2), tmp_path, expected)
+
+
+def test_a_dask_cluster_does_as_one_process(tasks, expected, working_backend, tmp_path):
+    """Three worker processes of a real cluster; each gets each file's contents once, by their hash."""
+    pytest.importorskip("distributed")
+    with dask_cluster("local", 3) as cluster:
+        report = run_suite(tasks, tmp_path, working_backend, cluster=cluster)
+        client = cluster.executor._client
+        stores = client.run(contents_of_store)
+    is_the_same(report, tmp_path, expected)
+    contents = {digest(path.read_bytes()) for task in tasks for path in task.files()}
+    assert len(stores) == 3
+    assert set(itertools.chain(*stores.values())) == contents
+    for names in stores.values():
+        assert len(names) == len(set(names)) <= len(contents)
+
+
+def contents_of_store():
+    """On a worker: the digests of what it got, by what it wrote."""
+    from mrm_nodes.regression.cluster import _store
+
+    return [path.name for path in _store().root.iterdir() if path.is_file()]
+
+
+@pytest.mark.parametrize("executor", [ProcessPoolExecutor, ThreadPoolExecutor])
+def test_any_executor_does_as_one_process(tasks, expected, working_backend, tmp_path, executor):
+    with executor(2) as pool:
+        report = run_suite(tasks, tmp_path, working_backend, cluster=Cluster(pool))
+    is_the_same(report, tmp_path, expected)
+
+
+def test_contents_that_a_worker_has_are_not_asked_for_again(tmp_path):
+    store = Store()
+    contents = {digest(b"mesh"): b"mesh"}
+    digests = {"/studio/a.obj": digest(b"mesh")}
+    assert store.missing(digests, {}) == set(contents)
+    tree = store.lay_out(digests, contents)
+    assert (tree / "studio" / "a.obj").read_bytes() == b"mesh"
+    assert store.missing(digests, {}) == set()
+    assert store.lay_out(digests, {}) == tree
+    other = store.lay_out({"/studio/a.obj": digest(b"new")}, {digest(b"new"): b"new"})
+    assert (other / "studio" / "a.obj").read_bytes() == b"new"
+    assert (tree / "studio" / "a.obj").read_bytes() == b"mesh"
+
+
+def test_a_worker_with_another_library_is_an_error_of_its_cases(working_backend, tmp_path, monkeypatch):
+    """Its results would not be this run's."""
+    from mrm_nodes.regression import run
+
+    conditions = run.conditions
+    monkeypatch.setattr(run, "conditions", lambda driver: {**conditions(driver), "MaterialX": "1.40.0"})
+    with ThreadPoolExecutor(1) as pool:
+        report = run_suite(IMAGES[:1], tmp_path, working_backend, cluster=Cluster(pool))
+    assert "other versions" in report["cases"][0]["message"]
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x"])
+def test_a_scheduler_that_does_not_answer_is_one_line(address):
+    pytest.importorskip("distributed")
+    with (
+        pytest.raises(MrmError, match=f"--dask {address}: no scheduler answers there"),
+        dask_cluster(address),
+    ):
+        pass
+
+
+def test_an_executor_that_breaks_ends_the_run_with_one_line_and_keeps_what_is_done(working_backend, tmp_path):
+    with ProcessPoolExecutor(1) as pool:
+
+        def break_it(outcome, done, total):
+            for process in pool._processes.values():
+                process.kill()
+
+        with pytest.raises(MrmError, match=r"takes no more tasks.*go on with --resume"):
+            run_suite(IMAGES, tmp_path, working_backend, on_outcome=break_it, cluster=Cluster(pool))
+    report = run_suite(IMAGES, tmp_path, working_backend, resume=True)
+    assert report["environment"]["resumed"] >= 1
+    assert not any("worker" in case["message"] for case in report["cases"])

@@ -1,0 +1,318 @@
+"""A run knows its backends, loses nothing that it came to, and does nothing twice."""
+
+import json
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+
+from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.regression import journal, run
+from mrm_nodes.regression.cache import Cache
+from mrm_nodes.regression.executors import Judged
+from mrm_nodes.regression.outcome import outcome_of
+from mrm_nodes.regression.run import merge, plan_backends, run_suite, shard_of
+from mrm_nodes.render.context import BackendReport
+
+EGL = BackendReport("egl", True, "Mesa", "llvmpipe", "4.5")
+OSMESA = BackendReport("osmesa", True, "Mesa", "llvmpipe", "4.5")
+NO_OSMESA = BackendReport("osmesa", False, reason="libOSMesa is not installed", hint="install libosmesa6")
+NO_EGL = BackendReport("egl", False, reason="no device", hint="install libegl1")
+
+
+def test_auto_takes_the_first_that_works():
+    assert list(plan_backends("auto", [EGL, OSMESA]).drivers) == ["egl"]
+    assert list(plan_backends("auto", [NO_EGL, OSMESA]).drivers) == ["osmesa"]
+
+
+def test_all_skips_what_is_missing_and_says_why():
+    plan = plan_backends("all", [EGL, NO_OSMESA])
+    assert plan.drivers == {"egl": "llvmpipe, OpenGL 4.5"}
+    assert plan.skipped == {"osmesa": "libOSMesa is not installed; install libosmesa6"}
+
+
+@pytest.mark.parametrize(
+    ("request_", "probes", "required", "message"),
+    [
+        ("osmesa", [EGL, NO_OSMESA], (), "backend osmesa does not work here: libOSMesa is not installed"),
+        ("all", [EGL, NO_OSMESA], ("egl", "osmesa"), "backend osmesa does not work here"),
+        ("all", [NO_EGL, NO_OSMESA], (), "backend egl does not work here: no device; install libegl1"),
+        ("auto", [NO_EGL, NO_OSMESA], (), "backend egl does not work here"),
+        ("glx", [EGL, OSMESA], (), "unknown backend glx; known: auto, all, egl, osmesa"),
+        ("all", [EGL, OSMESA], ("metal",), "MRM_REQUIRE_BACKENDS names metal; known: egl, osmesa"),
+    ],
+)
+def test_a_backend_that_is_asked_for_and_missing_is_an_error(request_, probes, required, message):
+    with pytest.raises(MrmError, match=message):
+        plan_backends(request_, probes, required)
+
+
+def test_a_folder_that_cannot_be_made_is_an_error(tmp_path):
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(MrmError, match="cannot be written"):
+        run_suite([], tmp_path / "file" / "report")
+    assert (tmp_path / "file").read_text() == "kept"
+
+
+@dataclass(frozen=True)
+class Copy:
+    """A task that copies a file into the report."""
+
+    name: str
+    file: Path
+    value: int = 0
+    kind: ClassVar[str] = "image"
+    node: ClassVar[str] = "none"
+    target: ClassVar[str] = "glsl"
+    structure: ClassVar[str] = "copy"
+
+    def describe(self):
+        return {"value": self.value}
+
+    def files(self):
+        return (self.file,)
+
+
+class Judges:
+    """In place of worker processes: judges here, and remembers what."""
+
+    def __init__(self):
+        self.judged = []
+        self.before = {}
+
+    def __call__(self, tasks, backend, scratch, *others):
+        for number, task in enumerate(tasks):
+            self.before.get(task.name, lambda: None)()
+            folder = scratch / str(number)
+            place = folder / "cases" / task.name
+            place.mkdir(parents=True)
+            (place / "copy").write_bytes(task.file.read_bytes())
+            self.judged.append(task.name)
+            yield Judged(task, outcome_of(task, backend, "pass"), folder)
+
+
+@pytest.fixture
+def judges(monkeypatch):
+    judges = Judges()
+    monkeypatch.setattr(run, "run_locally", judges)
+    monkeypatch.setattr(run, "probe_backends", lambda: [EGL, NO_OSMESA])
+    return judges
+
+
+@pytest.fixture
+def suite(tmp_path):
+    tasks = [Copy(name, tmp_path / f"{name}.mtlx") for name in "abcde"]
+    for task in tasks:
+        task.file.write_text(f"contents of {task.name}")
+    return tasks
+
+
+@pytest.fixture
+def folder(tmp_path):
+    return tmp_path / "report"
+
+
+def interrupt(at):
+    """End this process as Ctrl-C or its like does."""
+    return lambda: signal.raise_signal(at)
+
+
+@pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_an_interrupted_run_leaves_a_partial_report_and_goes_on_from_there(judges, suite, folder, signal_):
+    judges.before["c"] = interrupt(signal_)
+    with pytest.raises(KeyboardInterrupt):
+        run_suite(suite, folder)
+    report = json.loads((folder / "report.json").read_text())
+    assert report["environment"]["partial"] == "it was interrupted"
+    assert {case["name"]: case["verdict"] for case in report["cases"]} == {
+        "a": "pass", "b": "pass", "c": "skipped", "d": "skipped", "e": "skipped"
+    }  # fmt: skip
+    assert (folder / "cases" / "a" / "copy").read_text() == "contents of a"
+
+    judges.judged, judges.before = [], {}
+    report = run_suite(suite, folder, resume=True)
+    assert judges.judged == ["c", "d", "e"]
+    assert report["summary"]["passed"] == 5
+    assert "partial" not in report["environment"]
+    assert report["environment"]["resumed"] == 2
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_a_line_that_a_kill_tore_off_is_no_result(judges, suite, folder):
+    run_suite(suite, folder)
+    file = folder / journal.NAME
+    file.write_bytes(file.read_bytes()[:-30])
+    judges.judged = []
+    assert run_suite(suite, folder, resume=True)["summary"]["passed"] == 5
+    assert judges.judged == ["e"]
+    assert len(journal.read(folder).entries) == 5
+
+
+def test_a_damaged_line_is_no_result_and_said(judges, suite, folder):
+    run_suite(suite, folder)
+    lines = (folder / journal.NAME).read_bytes().splitlines(keepends=True)
+    lines[2] = lines[2].replace(b'"pass"', b'"fail"')
+    (folder / journal.NAME).write_bytes(b"".join(lines))
+    judges.judged = []
+    with pytest.warns(MrmWarning, match="1 damaged lines"):
+        run_suite(suite, folder, resume=True)
+    assert judges.judged == ["b"]
+
+
+def test_a_journal_whose_head_is_damaged_is_begun_anew(judges, suite, folder):
+    run_suite(suite, folder)
+    file = folder / journal.NAME
+    file.write_bytes(b"x" + file.read_bytes())
+    judges.judged = []
+    with pytest.warns(MrmWarning, match="every case is run again"):
+        assert run_suite(suite, folder, resume=True)["summary"]["passed"] == 5
+    assert judges.judged == list("abcde")
+
+
+def test_a_case_whose_file_in_the_report_was_damaged_is_run_again(judges, suite, folder):
+    run_suite(suite, folder)
+    (folder / "cases" / "b" / "copy").write_text("contents of B")
+    (folder / "cases" / "d" / "copy").unlink()
+    judges.judged = []
+    with pytest.warns(MrmWarning, match="files of 2 cases were changed or removed"):
+        run_suite(suite, folder, resume=True)
+    assert judges.judged == ["b", "d"]
+    assert (folder / "cases" / "b" / "copy").read_text() == "contents of b"
+
+
+def test_a_report_that_was_damaged_is_written_anew(judges, suite, folder):
+    run_suite(suite, folder)
+    (folder / "report.json").write_text("{")
+    judges.judged = []
+    run_suite(suite, folder, resume=True)
+    assert judges.judged == []
+    assert json.loads((folder / "report.json").read_text())["summary"]["passed"] == 5
+
+
+def test_another_suite_is_not_gone_on_with(judges, suite, folder):
+    run_suite(suite, folder)
+    changes = {
+        "egl e is gone": suite[:-1],
+        "egl f is new": [*suite, Copy("f", suite[0].file)],
+        "egl c changed": [*suite[:2], Copy("c", suite[2].file, value=1), *suite[3:]],
+    }
+    for reason, tasks in changes.items():
+        with pytest.raises(MrmError, match=f"the suite changed since: {reason}; run without it"):
+            run_suite(tasks, folder, resume=True)
+    suite[1].file.write_text("edited")
+    with pytest.raises(MrmError, match="the suite changed since: egl b changed"):
+        run_suite(suite, folder, resume=True)
+    suite[1].file.write_text("contents of b")
+    assert run_suite(suite, folder, resume=True)["summary"]["passed"] == 5
+
+
+def test_another_driver_is_not_gone_on_with(judges, suite, folder, monkeypatch):
+    run_suite(suite, folder)
+    monkeypatch.setattr(
+        run, "probe_backends", lambda: [BackendReport("egl", True, "Mesa", "llvmpipe", "4.6")]
+    )
+    with pytest.raises(MrmError, match="--resume: OpenGL of the egl backend changed since"):
+        run_suite(suite, folder, resume=True)
+
+
+def test_a_second_run_into_one_folder_is_refused(judges, suite, folder):
+    def second():
+        with pytest.raises(MrmError, match=rf"{folder}: another run is writing there \(process \d+\)"):
+            run_suite(suite, folder)
+        refused.append(True)
+
+    refused = []
+    judges.before["b"] = second
+    assert run_suite(suite, folder)["summary"]["passed"] == 5
+    assert refused
+    assert run_suite(suite, folder)["summary"]["passed"] == 5
+
+
+def test_a_file_that_changes_during_the_run_is_an_error_of_its_case(judges, suite, folder, tmp_path):
+    judges.before["b"] = lambda: suite[3].file.write_text("edited")
+    judges.before["e"] = lambda: suite[0].file.write_text("contents of a")  # touched, not changed
+    report = run_suite(suite, folder, cache=Cache(tmp_path / "cache"))
+    found = {case["name"]: (case["verdict"], case["message"]) for case in report["cases"]}
+    assert found["d"] == ("error", f"{suite[3].file}: changed during the run")
+    assert [found[name][0] for name in "abce"] == ["pass"] * 4
+    assert not (folder / "cases" / "d").exists()
+
+
+def test_two_cases_of_one_name_are_an_error(judges, suite, folder):
+    with pytest.raises(MrmError, match="two cases are called a; give each a name of its own"):
+        run_suite([*suite, suite[0]], folder)
+
+
+def test_an_earlier_report_is_gone_while_a_run_is_on(judges, suite, folder):
+    """Else a kill would leave it beside pictures that are not its own."""
+    run_suite(suite, folder)
+    judges.before["a"] = lambda: seen.append((folder / "report.json").exists())
+    seen = []
+    run_suite(suite, folder)
+    assert seen == [False]
+
+
+def test_a_run_that_cannot_begin_leaves_an_earlier_report_alone(judges, suite, folder):
+    run_suite(suite, folder)
+    before = (folder / "report.json").read_bytes()
+    with pytest.raises(MrmError, match="unknown backend"):
+        run_suite(suite, folder, "glx")
+    assert (folder / "report.json").read_bytes() == before
+
+
+def test_what_did_not_change_comes_from_the_cache(judges, suite, folder, tmp_path):
+    cache = Cache(tmp_path / "cache")
+    first = run_suite(suite, folder, cache=cache)
+    suite[2].file.write_text("edited")
+    judges.judged = []
+    second = run_suite(suite, tmp_path / "other", cache=cache)
+    assert judges.judged == ["c"]
+    assert second["environment"]["cached"] == 4
+    assert (tmp_path / "other" / "cases" / "a" / "copy").read_text() == "contents of a"
+    assert [case for case in first["cases"] if case["name"] != "c"] == [
+        case for case in second["cases"] if case["name"] != "c"
+    ]
+
+
+def test_shards_share_no_case_and_are_the_suite_together(suite):
+    for count in (1, 2, 3, 7):
+        parts = [shard_of(suite, (number, count)) for number in range(1, count + 1)]
+        names = [task.name for part in parts for task in part]
+        assert sorted(names) == list("abcde")
+        assert max(map(len, parts)) - min(map(len, parts)) <= 1
+
+
+def test_shards_merge_to_the_report_of_the_whole(judges, suite, folder, tmp_path):
+    whole = run_suite(suite, folder, "all")
+    parts = [tmp_path / f"part-{number}" for number in (1, 2, 3)]
+    for number, part in enumerate(parts, 1):
+        run_suite(suite, part, "all", shard=(number, 3))
+    merged = merge(parts[::-1], tmp_path / "merged")
+    assert merged["cases"] == whole["cases"]
+    assert {"shard", "partial"}.isdisjoint(merged["environment"])
+    for name in "abcde":
+        assert (tmp_path / "merged" / "cases" / name / "copy").read_text() == f"contents of {name}"
+    assert merge(parts[:2], tmp_path / "two")["environment"]["partial"] == "shards are missing: 3/3"
+
+
+def test_what_is_no_shard_of_the_same_run_is_not_merged(judges, suite, folder, tmp_path):
+    one, two = tmp_path / "one", tmp_path / "two"
+    run_suite(suite, one, shard=(1, 2))
+    with pytest.raises(MrmError, match="no run's journal is there"):
+        merge([one, tmp_path], folder)
+    with pytest.raises(MrmError, match="that is a shard's own folder"):
+        merge([one], one)
+    with pytest.raises(MrmError, match="shard 1/2 does not go together with"):
+        merge([one, one], folder)
+    run_suite(suite, two, shard=(2, 3))
+    with pytest.raises(MrmError, match="shard 2/3 does not go together with"):
+        merge([one, two], folder)
+    run_suite(suite[:-1], two, shard=(2, 2))
+    with pytest.raises(MrmError, match="its suite differs"):
+        merge([one, two], folder)
+    run_suite(suite, two, shard=(2, 2))
+    (two / "cases" / "b" / "copy").write_text("edited")
+    with pytest.raises(MrmError, match="files of b were changed or removed"):
+        merge([one, two], folder)

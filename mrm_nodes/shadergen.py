@@ -18,7 +18,7 @@ from typing import Any
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import external, library
+from mrm_nodes import cycles, external, library
 from mrm_nodes.errors import MrmError, MrmWarning
 
 #: Light nodes as every shader of ours knows them, by the number that LightData.type carries.
@@ -116,6 +116,7 @@ def read_document(
         raise MrmError(f"{file}: not a MaterialX document: {_one_line(error)}") from None
     external.check_images(document, file, allow_external)
     document.setDataLibrary(library.shared_library(libraries))
+    cycles.check_cycles(document, str(file))
     return document
 
 

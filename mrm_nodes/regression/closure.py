@@ -23,6 +23,9 @@ KNOWN_NODES = (*NODES, *PLAIN_NODES, DIFFUSE_NODE)
 _OPAQUE = ("conductor_bsdf", DIFFUSE_NODE, "burley_diffuse_bsdf", "translucent_bsdf", "subsurface_bsdf")
 """Nodes below which nothing shows, whatever their weight."""
 
+MOST_LOBES = 500
+"""Parts of a tree beyond which a material is no longer taken apart."""
+
 _OUTPUT = "mrm_truth_"
 """Start of the names of the outputs that are added to a document."""
 
@@ -165,6 +168,8 @@ class _Reader:
     outputs: dict[tuple[str, ...], Driven] = field(default_factory=dict)
     above: list[str] = field(default_factory=list)
     """The nodes between the surface and the one that is read."""
+    read: int = 0
+    """How many were read."""
 
     def surface(self, element: mx.Element | None) -> mx.Node:
         """The `surface` node of a material, a shader or an output."""
@@ -190,6 +195,9 @@ class _Reader:
         path, category = node.getNamePath(), node.getCategory()
         if path in self.above:
             raise UnknownClosure(f"{path} contains itself")
+        self.read += 1
+        if self.read > MOST_LOBES:
+            raise UnknownClosure(f"it has more than {MOST_LOBES} lobes, mixes and layers")
         self.above.append(path)
         try:
             return self._node(node, category, path)
@@ -259,11 +267,7 @@ class _Reader:
         """What an input of a node is given."""
         declared = node.getNodeDef().getActiveInput(name)
         port = node.getInput(name)
-        while port is not None and port.hasAttribute("interfacename"):
-            outer = port.getInterfaceInput()
-            if outer is None:
-                break
-            port = outer
+        port = None if port is None else _outermost(port)
         if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):
             return self._driven(port)
         if port is not None and port.getValue() is not None:
@@ -307,16 +311,19 @@ class _Reader:
 
 def _source(port: mx.Input) -> mx.Node | None:
     """The node that is connected to an input, through graphs and interfaces."""
-    seen = 0
-    while port is not None and seen < 100:
-        seen += 1
-        if port.hasAttribute("interfacename") and port.getInterfaceInput() is not None:
-            port = port.getInterfaceInput()
-            continue
-        if port.hasAttribute("nodegraph") or port.hasAttribute("nodename"):
-            return port.getConnectedNode()
-        return None
-    return None
+    port = _outermost(port)
+    connected = port.hasAttribute("nodegraph") or port.hasAttribute("nodename")
+    return port.getConnectedNode() if connected else None
+
+
+def _outermost(port: mx.Input) -> mx.Input:
+    """The input by which a value comes into the graphs around a port."""
+    for _ in range(MOST_LOBES):
+        outer = port.getInterfaceInput() if port.hasAttribute("interfacename") else None
+        if outer is None:
+            return port
+        port = outer
+    raise UnknownClosure(f"{port.getNamePath()} is its own interface")
 
 
 def _is_coded(port: mx.Input) -> bool:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.context import GLContext
-from mrm_nodes.render.images import read_image
+from mrm_nodes.render.images import complaint_of, read_image
 
 Floats = NDArray[np.float32]
 Array = NDArray[np.float64]
@@ -191,7 +191,7 @@ def _read(file: Path) -> Floats:
                 first, min(first + 64, spec.height), 0, 0, spec.nchannels, oiio.FLOAT
             )
             if strip is None:
-                raise MrmError(f"{file}: the image is damaged or truncated: {source.geterror()}")
+                raise MrmError(f"{file}: the image is damaged or truncated: {complaint_of(source.geterror)}")
             strip = np.asarray(strip).reshape(-1, spec.width, spec.nchannels)
             _check_texels(strip, str(file))
             strips.append(_means(strip, MAX_WIDTH, axis=1).astype(np.float32))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,11 +39,11 @@ def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN) -> NDArr
     options.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(str(file), options)
     if source is None:
-        raise MrmError(f"{file}: not an image that can be read: {_message(oiio.geterror())}")
+        raise MrmError(f"{file}: not an image that can be read: {_message(complaint_of(oiio.geterror))}")
     try:
         pixels = source.read_image(kind)
         # Some formats fill in what a truncated file lacks, and only leave a message.
-        complaint = source.geterror()
+        complaint = complaint_of(source.geterror)
     finally:
         source.close()
     if pixels is None or complaint:
@@ -103,11 +104,13 @@ def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str], ending:
     try:
         target = oiio.ImageOutput.create(temporary)
         if target is None:
-            raise MrmError(f"{path}: cannot be written: {_message(oiio.geterror())}")
+            raise MrmError(f"{path}: cannot be written: {_message(complaint_of(oiio.geterror))}")
         written = target.open(temporary, specification) and target.write_image(pixels)
-        complaint = target.geterror()
+        complaint = complaint_of(target.geterror)
         if not (target.close() and written):
-            raise MrmError(f"{path}: cannot be written: {_message(complaint or target.geterror())}")
+            raise MrmError(
+                f"{path}: cannot be written: {_message(complaint or complaint_of(target.geterror))}"
+            )
         os.chmod(temporary, 0o666 & ~_umask())  # noqa: PTH101
         os.replace(temporary, path)  # noqa: PTH105
     except OSError as error:
@@ -120,6 +123,14 @@ def _umask() -> int:
     mask = os.umask(0)
     os.umask(mask)
     return mask
+
+
+def complaint_of(ask: Callable[[], str]) -> str:
+    """What OpenImageIO has to say; it may quote bytes of a damaged file that are no text."""
+    try:
+        return ask()
+    except UnicodeDecodeError as error:
+        return bytes(error.object).decode(errors="replace")
 
 
 def _message(text: str) -> str:

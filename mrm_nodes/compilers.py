@@ -252,18 +252,10 @@ def _naga(shader: Shader) -> list[str]:
     return complaints
 
 
-@functools.cache
-def _slang_device() -> Any:
-    import slangpy
-
-    # It warns that a CPU has no shader model.
-    slangpy.Logger.get().level = slangpy.LogLevel.error
-    return slangpy.Device(type=slangpy.DeviceType.cpu)
-
-
 def _slang(shader: Shader) -> list[str]:
-    device = _slang_device()
-    session = device.create_slang_session(compiler_options={"include_paths": []})
+    from mrm_nodes.render.slang import device
+
+    session = device().create_slang_session(compiler_options={"include_paths": []})
     try:
         modules = [
             session.load_module_from_source(stage, source)

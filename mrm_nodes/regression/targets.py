@@ -49,7 +49,18 @@ def _webgpu() -> Any:
     return WebGPURenderer()
 
 
-_RUNNERS = {"glsl": (_gl("egl"), _gl("osmesa")), "essl": (_webgl,), "wgsl": (_webgpu,)}
+def _slang() -> Any:
+    from mrm_nodes.render.slang import SlangRenderer
+
+    return SlangRenderer()
+
+
+_RUNNERS = {
+    "glsl": (_gl("egl"), _gl("osmesa")),
+    "essl": (_webgl,),
+    "wgsl": (_webgpu,),
+    "slang": (_slang,),
+}
 
 
 def table(configurations: int) -> list[Row]:

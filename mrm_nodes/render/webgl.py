@@ -19,12 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.render.renderer import samples_in_the_dark
-from mrm_nodes.render.scene import Camera, Light, vector
-from mrm_nodes.render.uniforms import uniforms_of
+from mrm_nodes.render.points import Floats, stream, uniform_values
+from mrm_nodes.render.scene import Light
 from mrm_nodes.shadergen import Shader
-
-Floats = NDArray[np.float32]
 
 INSTALL = "install a browser (Debian, Ubuntu: apt-get install chromium)"
 
@@ -99,7 +96,6 @@ class WebGLRenderer:
         streams = _streams(vertex, attributes)
         count = len(streams["i_position"])
         width = math.isqrt(count - 1) + 1
-        position = vector(camera_position, "draw_points: camera_position")
         page = _page(
             {
                 "vertex": vertex,
@@ -107,10 +103,13 @@ class WebGLRenderer:
                 "size": [width, -(-count // width)],
                 "count": count,
                 "attributes": {
-                    name: {"width": stream.shape[1], "data": base64.b64encode(stream.tobytes()).decode()}
-                    for name, stream in streams.items()
+                    name: {"width": data.shape[1], "data": base64.b64encode(data.tobytes()).decode()}
+                    for name, data in streams.items()
                 },
-                "uniforms": _uniform_values(shader, uniforms, position, lights),
+                "uniforms": {
+                    name: np.ravel(value).tolist()
+                    for name, value in uniform_values(shader, uniforms, camera_position, lights).items()
+                },
             }
         )
         answer = self._open(page)
@@ -167,35 +166,5 @@ def _stages(shader: Shader) -> tuple[str, str]:
 
 
 def _streams(vertex: str, attributes: Mapping[str, NDArray[Any]]) -> dict[str, Floats]:
-    streams = {}
-    for name in re.findall(r"^in \w+ (\w+);", vertex, re.MULTILINE):
-        bare = re.sub(r"^(?:i|a_geomprop)_", "", name)
-        if bare not in attributes:
-            raise MrmError(f"draw_points: the shader needs the attribute {bare}")
-        data = np.ascontiguousarray(attributes[bare], np.float32)
-        streams[name] = data.reshape(len(data), -1)
-    return streams
-
-
-def _uniform_values(
-    shader: Shader,
-    uniforms: Mapping[str, Any] | None,
-    position: tuple[float, float, float],
-    lights: Sequence[Light],
-) -> dict[str, list[float]]:
-    camera = Camera(position, (position[0], position[1], position[2] - 1.0))
-    identity = np.eye(4).ravel().tolist()
-    values: dict[str, Any] = {
-        uniform.name: uniform.value
-        for uniform in uniforms_of(shader, uniforms).values()
-        if isinstance(uniform.value, list)
-    }
-    values |= dict.fromkeys(
-        ("u_worldMatrix", "u_viewProjectionMatrix", "u_worldInverseTransposeMatrix", "u_envMatrix"), identity
-    )
-    values |= {"u_viewPosition": position, "u_envLightIntensity": 1.0}
-    values["u_envRadianceSamples"] = samples_in_the_dark(shader)
-    values["u_numActiveLightSources"] = len(lights)
-    for index, light in enumerate(lights):
-        values |= {f"u_lightData[{index}].{name}": value for name, value in light.data(camera).items()}
-    return {name: np.ravel(value).tolist() for name, value in values.items()}
+    names = re.findall(r"^in \w+ (\w+);", vertex, re.MULTILINE)
+    return {name: stream(attributes, re.sub(r"^(?:i|a_geomprop)_", "", name)) for name in names}

@@ -15,12 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.render.renderer import samples_in_the_dark
-from mrm_nodes.render.scene import Camera, Light, vector
-from mrm_nodes.render.uniforms import uniforms_of
+from mrm_nodes.render.points import Floats, stream, uniform_values
+from mrm_nodes.render.scene import Light
 from mrm_nodes.shadergen import Shader
-
-Floats = NDArray[np.float32]
 
 INSTALL = (
     "install wgpu (pip install 'mrm-nodes[targets]') and a Vulkan driver (Debian, Ubuntu: apt-get install "
@@ -126,17 +123,13 @@ class WebGPURenderer:
         vertex = _rename_attributes(shader.vertex)
         streams = []
         for location, kind, name in re.findall(_ATTRIBUTE, vertex, re.MULTILINE):
-            bare = re.sub(r"^(?:i|a_geomprop)_", "", name)
-            if bare not in attributes:
-                raise MrmError(f"draw_points: the shader needs the attribute {bare}")
-            data = np.ascontiguousarray(attributes[bare], np.float32)
-            streams.append((int(location), kind, data.reshape(len(data), -1)))
+            data = stream(attributes, re.sub(r"^(?:i|a_geomprop)_", "", name))
+            streams.append((int(location), kind, data))
         count = len(streams[0][2])
         width = math.isqrt(count - 1) + 1
         size = (width, -(-count // width))
 
-        position = vector(camera_position, "draw_points: camera_position")
-        values = _values(shader, uniforms, position, lights)
+        values = _values(shader, uniforms, camera_position, lights)
         gpu = device()
         layout, group = _bind(gpu, shader, values)
         buffers = [
@@ -316,24 +309,9 @@ def _length(source: str, text: str) -> int:
 def _values(
     shader: Shader,
     uniforms: Mapping[str, Any] | None,
-    position: tuple[float, float, float],
+    camera_position: Sequence[float],
     lights: Sequence[Light],
 ) -> dict[str, Any]:
-    camera = Camera(position, (position[0], position[1], position[2] - 1.0))
-    values: dict[str, Any] = {
-        uniform.name: uniform.value
-        for uniform in uniforms_of(shader, uniforms).values()
-        if isinstance(uniform.value, list)
-    }
-    values |= dict.fromkeys(
-        ("u_worldMatrix", "u_viewProjectionMatrix", "u_worldInverseTransposeMatrix", "u_envMatrix"), np.eye(4)
-    )
-    values |= {"u_viewPosition": position, "u_envLightIntensity": 1.0}
-    values["u_envRadianceSamples"] = samples_in_the_dark(shader)
-    values["u_numActiveLightSources"] = len(lights)
-    for index, light in enumerate(lights):
-        for name, value in light.data(camera).items():
-            # MaterialX's name for it in this dialect.
-            member = "light_type" if name == "type" else name
-            values[f"u_lightData[{index}].{member}"] = value
-    return values
+    values = uniform_values(shader, uniforms, camera_position, lights)
+    # MaterialX's name for it in this dialect.
+    return {re.sub(r"(u_lightData\[\d+\])\.type", r"\1.light_type", name): values[name] for name in values}

@@ -49,7 +49,9 @@ def our_node(document: mx.Document) -> mx.Node:
 
 def mxvalidate(file: Path) -> str:
     """What MaterialX's own validator prints; its exit status is 0 whatever it found."""
-    command = [sys.executable, "-m", "MaterialX._scripts.mxvalidate", str(file)]
+    # Later releases load the standard libraries unasked.
+    options = ["--stdlib"] if mx.getVersionIntegers() < (1, 39, 5) else []
+    command = [sys.executable, "-m", "MaterialX._scripts.mxvalidate", str(file), *options]
     return subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout
 
 

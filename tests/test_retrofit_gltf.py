@@ -9,13 +9,14 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import MaterialX as mx
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import mrm_nodes
 from mrm_nodes.cli import cli
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render import write_png
 from mrm_nodes.shadergen import read_document
 from mrm_nodes.surfaces.convert import convert
@@ -212,11 +213,120 @@ def test_a_file_that_is_no_gltf_is_refused(folder: Path, content: bytes) -> None
         convert(folder / "bad.glb", folder / "out.mtlx")
 
 
+DRIVER = "what drives base_color is not a texture times a factor as it was"
+
+
+def test_textures_changed_added_and_taken_out_in_materialx_go_back(folder: Path) -> None:
+    write_png(folder / "new.png", np.ones((2, 2, 3), np.float32))
+    convert(folder / "cone.gltf", folder / "cone.mtlx")
+    document = read_document(folder / "cone.mtlx")
+    retro, color, plain = (
+        document.getNode(node).getInput(name)
+        for node, name in (
+            ("Cone_shader", "retroreflection"),
+            ("Cone_shader", "base_color"),
+            ("Cone2_shader", "alpha_cutoff"),
+        )
+    )
+    image = retro.getConnectedNode().getConnectedNode("in1").getConnectedNode("in")
+    image.getInput("file").setValueString("new.png")
+    color.removeAttribute("nodename")
+    color.setValueString("0.5, 0.25, 1")
+    added = document.addNode("gltf_image", "added", "vector3")
+    added.addInput("file", "filename").setValueString("new.png")
+    channel = document.addNode("extract", "added_channel", "float")
+    channel.addInput("in", "vector3").setConnectedNode(added)
+    channel.addInput("index", "integer").setValueString("0")
+    plain.getParent().addInput("retroreflection", "float").setConnectedNode(channel)
+    mx.writeToXmlFile(document, str(folder / "cone.mtlx"))
+
+    assert convert(folder / "cone.mtlx", folder / "back.gltf") == ["Cone", "Cone2"]
+    expected = copy.deepcopy(CONE)
+    expected["images"].append({"uri": "new.png"})
+    expected["textures"] += [{"source": 1, "sampler": 0}, {"source": 1}]
+    cone, second, _ = expected["materials"]
+    retro_extension = cone["extensions"]["KHR_materials_retroreflection"]
+    retro_extension["retroreflectionTexture"] = TEXTURE | {"index": 1}
+    cone["pbrMetallicRoughness"]["baseColorFactor"] = [0.5, 0.25, 1.0, 1.0]
+    del cone["pbrMetallicRoughness"]["baseColorTexture"]
+    second["extensions"] = {
+        "KHR_materials_retroreflection": {
+            "retroreflectionFactor": 1.0,
+            "retroreflectionTexture": {"index": 2},
+        }
+    }
+    assert json.loads((folder / "back.gltf").read_text()) == expected
+
+
+def colored(content: dict[str, Any]) -> None:
+    primitives = content["meshes"][0]["primitives"]
+    primitives[0]["attributes"] = {"COLOR_0": 0}
+    primitives.append({"attributes": {"COLOR_0": 1}, "material": 1})
+
+
+def test_vertex_colours_multiply_the_base_colour_and_the_alpha_and_go_back(folder: Path) -> None:
+    convert(write(folder, colored), folder / "cone.mtlx")
+    document = read_document(folder / "cone.mtlx")
+    assert document.validate() == (True, "")
+    for name in ("Cone", "Cone2"):
+        product = document.getNode(f"{name}_shader").getInput("base_color").getConnectedNode()
+        assert product.getConnectedNode("in2").getConnectedNode("in").getCategory() == "geomcolor"
+        assert mrm_nodes.generate_shader(folder / "cone.mtlx", element=name).pixel
+    alpha = document.getNode("Cone2_shader").getInput("alpha").getConnectedNode()
+    assert alpha.getConnectedNode("in").getCategory() == "geomcolor"
+    text = (folder / "cone.mtlx").read_text()
+    assert convert(folder / "cone.mtlx", folder / "back.gltf") == []
+    (folder / "cone.mtlx").write_text(text.replace('value="1, 1, 1"', 'value="0.5, 1, 1"'))
+    assert convert(folder / "cone.mtlx", folder / "back.gltf") == ["Cone2"]
+    back = json.loads((folder / "back.gltf").read_text())
+    assert back["materials"][1]["pbrMetallicRoughness"]["baseColorFactor"] == [0.5, 1.0, 1.0, 1.0]
+
+
+def test_meshes_without_the_vertex_colours_of_their_material_are_pointed_out(folder: Path) -> None:
+    def half_colored(content: dict[str, Any]) -> None:
+        colored(content)
+        content["meshes"][0]["primitives"][1]["material"] = 0
+        del content["meshes"][0]["primitives"][1]["attributes"]["COLOR_0"]
+
+    with pytest.warns(MrmWarning, match="some of its meshes have no vertex colours"):
+        convert(write(folder, half_colored), folder / "cone.mtlx")
+
+
+@pytest.mark.filterwarnings("ignore:.*has no anisotropy")
+def test_an_anisotropy_texture_gives_strength_and_direction_and_goes_back(folder: Path) -> None:
+    def brushed(content: dict[str, Any]) -> None:
+        content["materials"][2]["extensions"]["KHR_materials_anisotropy"] = {
+            "anisotropyStrength": 0.5,
+            "anisotropyRotation": 0.25,
+            "anisotropyTexture": {"index": 0},
+        }
+
+    convert(write(folder, brushed), folder / "cone.mtlx")
+    document = read_document(folder / "cone.mtlx")
+    shader = document.getNode("material2_shader")
+    if shader.getInput("anisotropy_strength") is None:
+        pytest.skip("this MaterialX has no anisotropy in gltf_pbr")
+    (image,) = document.getNodes("gltf_anisotropy_image")
+    assert image.getInput("anisotropy_strength").getValue() == 0.5
+    for name in ("anisotropy_strength", "anisotropy_rotation"):
+        assert shader.getInput(name).getOutputString() == f"{name}_out"
+    assert mrm_nodes.generate_shader(folder / "cone.mtlx", element="material2").pixel
+    assert convert(folder / "cone.mtlx", folder / "back.gltf") == []
+    text = (folder / "cone.mtlx").read_text()
+    (folder / "cone.mtlx").write_text(text.replace('value="0.25"', 'value="0.75"'))
+    assert convert(folder / "cone.mtlx", folder / "back.gltf") == ["Cone2", "material2"]
+    back = json.loads((folder / "back.gltf").read_text())
+    rotation = back["materials"][2]["extensions"]["KHR_materials_anisotropy"]["anisotropyRotation"]
+    assert rotation == 0.75
+
+
 def test_what_cannot_go_back_is_refused(folder: Path) -> None:
     convert(folder / "cone.gltf", folder / "cone.mtlx")
     text = (folder / "cone.mtlx").read_text()
     for change, message in (
-        (("mask one.png", "other.png"), "texture of base_color changed"),
+        (("mask one.png", "other.png"), r"Cone: base_color: there is no texture .*other\.png"),
+        (('name="scale" type="vector2" value="2, 3"', 'name="scale" type="vector2" value="2, 4"'), DRIVER),
+        (("gltf_image", "image"), "what drives .* is not a texture times a factor"),
         (('gltf_source="cone.gltf"', 'gltf_source="gone.gltf"'), r"gone\.gltf: cannot be read"),
         (('gltf_source="cone.gltf"', ""), "was not made from a glTF"),
     ):

@@ -14,15 +14,16 @@ import math
 import os
 import struct
 import urllib.parse
+import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import MaterialX as mx
 
 from mrm_nodes import library
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.surfaces.rewrite import write_whole
 
 EXTENSION = "KHR_materials_retroreflection"
@@ -46,6 +47,8 @@ class _Place:
 
 _PBR = "pbrMetallicRoughness"
 _K = "KHR_materials_"
+_ANISOTROPY = f"{_K}anisotropy"
+_ANISOTROPY_IMAGE = "gltf_anisotropy_image"
 _SCALARS = {
     "metallic": _Place(_PBR, "metallicFactor", 1.0, "metallicRoughnessTexture", 2),
     "roughness": _Place(_PBR, "roughnessFactor", 1.0, "metallicRoughnessTexture", 1),
@@ -63,8 +66,8 @@ _SCALARS = {
     "emissive_strength": _Place(f"{_K}emissive_strength", "emissiveStrength", 1.0),
     "thickness": _Place(f"{_K}volume", "thicknessFactor", 0.0, "thicknessTexture", 1),
     "attenuation_distance": _Place(f"{_K}volume", "attenuationDistance", math.inf),
-    "anisotropy_strength": _Place(f"{_K}anisotropy", "anisotropyStrength", 0.0, "anisotropyTexture", 2),
-    "anisotropy_rotation": _Place(f"{_K}anisotropy", "anisotropyRotation", 0.0),
+    "anisotropy_strength": _Place(_ANISOTROPY, "anisotropyStrength", 0.0, "anisotropyTexture"),
+    "anisotropy_rotation": _Place(_ANISOTROPY, "anisotropyRotation", 0.0, "anisotropyTexture"),
     "dispersion": _Place(f"{_K}dispersion", "dispersion", 0.0),
     "retroreflection": _Place(EXTENSION, "retroreflectionFactor", 0.0, "retroreflectionTexture", 0),
 }
@@ -226,14 +229,23 @@ class _Reader:
             mx.createValidName(str(material.get("name") or f"material{index}"))
         )
         shader = self.document.addNode("mrm_gltf_pbr", f"{name}_shader", "surfaceshader")
+        vertex_colors = self._vertex_colors(index)
         for socket, place in _COLORS.items():
-            self._color(shader, socket, place, material)
+            self._color(shader, socket, place, material, vertex_colors if socket == "base_color" else None)
+        known = {one.getName() for one in shader.getNodeDef("", True).getActiveInputs()}
         for socket, place in _SCALARS.items():
-            self._scalar(shader, socket, place, material)
+            if socket in known:
+                self._scalar(shader, socket, place, material)
+            elif place.factor in _part(material, place.extension):
+                warnings.warn(
+                    f"{self.where}: the gltf_pbr of MaterialX {mx.getVersionString()} has no {socket}; left out",
+                    MrmWarning,
+                    stacklevel=2,
+                )
         for socket, (extension, key) in _NORMALS.items():
             self._normal(shader, socket, _part(material, extension).get(key))
         self._occlusion(shader, material.get("occlusionTexture"))
-        self._alpha(shader, material)
+        self._alpha(shader, material, vertex_colors)
         self._film(shader, material)
         node = self.document.addNode("surfacematerial", name, "material")
         node.addInput("surfaceshader", "surfaceshader").setConnectedNode(shader)
@@ -275,13 +287,48 @@ class _Reader:
             if factor != place.default:
                 shader.addInput(socket, _type(shader, socket)).setValueString(_text([factor]))
             return
+        if place.extension == _ANISOTROPY:
+            self._anisotropy(shader, socket, factor, texture)
+            return
         image = self._image(texture, "vector3" if place.channel < 3 else "color4", f"{socket}_image")
         value = self._extract(image, place.channel, f"{socket}_channel")
         if factor != 1.0:
             value = self._math("multiply", f"{socket}_scaled", value, factor)
         shader.addInput(socket, "float").setConnectedNode(value)
 
-    def _color(self, shader: mx.Node, socket: str, place: _Place, material: Json) -> None:
+    def _anisotropy(self, shader: mx.Node, socket: str, factor: float, texture: Json) -> None:
+        """Connect strength or rotation to the one node that has both: their texture is a direction and a strength."""
+        other = shader.getInput("anisotropy_strength")
+        image = other.getConnectedNode() if other is not None else None
+        if image is None:
+            image = self._image(texture, "multioutput", "anisotropy_image", category=_ANISOTROPY_IMAGE)
+        image.addInput(socket, "float").setValueString(_text([factor]))
+        connected = shader.addInput(socket, "float")
+        connected.setConnectedNode(image)
+        connected.setOutputString(f"{socket}_out")
+
+    def _vertex_colors(self, index: int) -> mx.Node | None:
+        """Return a node for the colours of the vertices, where meshes of the material have them: they multiply."""
+        primitives = [
+            primitive
+            for mesh in self.asset.json.get("meshes") or []
+            for primitive in mesh.get("primitives") or []
+            if primitive.get("material") == index
+        ]
+        colored = [primitive for primitive in primitives if "COLOR_0" in primitive.get("attributes", {})]
+        if not colored:
+            return None
+        if len(colored) < len(primitives):
+            warnings.warn(
+                f"{self.where}: some of its meshes have no vertex colours; a renderer may draw them black",
+                MrmWarning,
+                stacklevel=2,
+            )
+        return self.document.addNode("geomcolor", self._free("vertex_colors"), "color4")
+
+    def _color(
+        self, shader: mx.Node, socket: str, place: _Place, material: Json, vertex_colors: mx.Node | None
+    ) -> None:
         part = _part(material, place.extension)
         factor = part.get(place.factor, [place.default] * 3)
         if not (
@@ -289,14 +336,26 @@ class _Reader:
         ):
             raise MrmError(f"{self.where}: {place.factor} {factor!r} is not a colour")
         texture = part.get(place.texture) if place.texture else None
-        if texture is None:
-            if factor[:3] != [place.default] * 3:
-                shader.addInput(socket, "color3").setValueString(_text(factor[:3]))
-            return
-        image = self._image(texture, "color3", f"{socket}_image", "srgb_texture")
-        if factor[:3] != [1.0] * 3:
-            image.addInput("factor", "color3").setValueString(_text(factor[:3]))
-        shader.addInput(socket, "color3").setConnectedNode(image)
+        image = None
+        if texture is not None:
+            image = self._image(texture, "color3", f"{socket}_image", "srgb_texture")
+            if factor[:3] != [1.0] * 3:
+                image.addInput("factor", "color3").setValueString(_text(factor[:3]))
+        if vertex_colors is not None:
+            converted = self.document.addNode("convert", self._free(f"{socket}_vertices"), "color3")
+            converted.addInput("in", "color4").setConnectedNode(vertex_colors)
+            product = self.document.addNode("multiply", self._free(f"{socket}_product"), "color3")
+            self._set(product.addInput("in1", "color3"), image, factor[:3])
+            product.addInput("in2", "color3").setConnectedNode(converted)
+            shader.addInput(socket, "color3").setConnectedNode(product)
+        elif image is not None or factor[:3] != [place.default] * 3:
+            self._set(shader.addInput(socket, "color3"), image, factor[:3])
+
+    def _set(self, socket: mx.Input, node: mx.Node | None, value: list[float]) -> None:
+        if node is not None:
+            socket.setConnectedNode(node)
+        else:
+            socket.setValueString(_text(value))
 
     def _normal(self, shader: mx.Node, socket: str, texture: Json | None) -> None:
         if texture is None:
@@ -326,7 +385,7 @@ class _Reader:
             value = mixed
         shader.addInput("occlusion", "float").setConnectedNode(value)
 
-    def _alpha(self, shader: mx.Node, material: Json) -> None:
+    def _alpha(self, shader: mx.Node, material: Json, vertex_colors: mx.Node | None) -> None:
         mode = material.get("alphaMode", "OPAQUE")
         if mode not in _ALPHA_MODES:
             raise MrmError(f"{self.where}: alphaMode {mode!r} is not one of {', '.join(_ALPHA_MODES)}")
@@ -335,14 +394,17 @@ class _Reader:
         part = _part(material, _PBR)
         factor = (part.get("baseColorFactor") or [1.0] * 4)[3:] or [1.0]
         texture = part.get("baseColorTexture")
-        if mode == "OPAQUE" or texture is None:
-            if factor[0] != 1.0:
-                shader.addInput("alpha", "float").setValueString(_text(factor))
-            return
-        value = self._extract(self._image(texture, "color4", "alpha_image"), 3, "alpha_channel")
-        if factor[0] != 1.0:
+        channels = [] if mode == "OPAQUE" or vertex_colors is None else [vertex_colors]
+        if mode != "OPAQUE" and texture is not None:
+            channels.append(self._image(texture, "color4", "alpha_image"))
+        value = None
+        for node in channels:
+            channel = self._extract(node, 3, "alpha_channel")
+            value = channel if value is None else self._math("multiply", "alpha_product", value, channel)
+        if value is not None and factor[0] != 1.0:
             value = self._math("multiply", "alpha_scaled", value, factor[0])
-        shader.addInput("alpha", "float").setConnectedNode(value)
+        if value is not None or factor[0] != 1.0:
+            self._set(shader.addInput("alpha", "float"), value, factor)
 
     def _film(self, shader: mx.Node, material: Json) -> None:
         part = _part(material, f"{_K}iridescence")
@@ -440,10 +502,13 @@ class _Reader:
         node.addInput("index", "integer").setValueString(str(channel))
         return node
 
-    def _math(self, category: str, name: str, value: mx.Node, number: float) -> mx.Node:
+    def _math(self, category: str, name: str, value: mx.Node, other: mx.Node | float) -> mx.Node:
         node = self.document.addNode(category, self._free(name), "float")
         node.addInput("in1", "float").setConnectedNode(value)
-        node.addInput("in2", "float").setValueString(_text([number]))
+        if isinstance(other, mx.Node):
+            node.addInput("in2", "float").setConnectedNode(other)
+        else:
+            node.addInput("in2", "float").setValueString(_text([other]))
         return node
 
     def _free(self, name: str) -> str:
@@ -475,12 +540,12 @@ def _text(numbers: list[float]) -> str:
 def materialx_to_gltf(source: Path, target: Path) -> list[str]:
     """Write a document that `gltf_to_materialx` made back as glTF; return the materials that changed.
 
-    The original glTF, which the document names, is copied; of its materials, only the numbers that differ are
-    written: geometry, animation, extras and unknown extensions stay.
+    The original glTF, which the document names, is copied; of its materials, only the numbers and image files that
+    differ are written: geometry, animation, extras and unknown extensions stay.
 
     Raises:
-        MrmError: no such document, not made from glTF, the original is missing, or a connection that was not
-            there: textures are changed in the glTF. Nothing is written then.
+        MrmError: no such document, not made from glTF, the original or a new image is missing, or nodes that
+            glTF has nothing for. Nothing is written then.
     """
     from mrm_nodes.shadergen import read_document
 
@@ -511,7 +576,8 @@ def materialx_to_gltf(source: Path, target: Path) -> list[str]:
             _inputs(document_, n) for document_, n in ((baseline, originals[0]), (document, node))
         )
         if before != after:
-            _apply(result.json, index, before, after, f"{source}: {node.getName()}")
+            images = _Images(result.json, source.parent, target.parent)
+            _apply(result.json, images, index, before, after, f"{source}: {node.getName()}")
             changed.append(node.getName())
     write_gltf(result, target)
     return changed
@@ -539,25 +605,55 @@ def _described(socket: mx.Input) -> Any:
     return (node.getCategory(), *sorted(children))
 
 
-def _apply(content: Json, index: int, before: Json, after: Json, where: str) -> None:
+@dataclass
+class _Images:
+    """Adds image files to a glTF."""
+
+    content: Json
+    source: Path
+    target: Path
+
+    def add(self, file: str, original: Json | None, where: str) -> Json:
+        """Return a textureInfo that shows `file`, otherwise as the original one."""
+        path = self.source / file
+        if not path.is_file():
+            raise MrmError(f"{where}: there is no texture {path}")
+        image = {"uri": urllib.parse.quote(_relative(path, self.target))}
+        texture: Json = {"source": self._index("images", image)}
+        if original is not None:
+            texture = self.content["textures"][original["index"]] | texture
+        return (original or {}) | {"index": self._index("textures", texture)}
+
+    def _index(self, kind: str, item: Json) -> int:
+        items = self.content.setdefault(kind, [])
+        if item not in items:
+            items.append(item)
+        index: int = items.index(item)
+        return index
+
+
+def _apply(content: Json, images: _Images, index: int, before: Json, after: Json, where: str) -> None:
     """Write the inputs that differ into a material of the glTF."""
     material = content["materials"][index]
     for socket in sorted(set(before) | set(after)):
-        old, new = before.get(socket), after.get(socket)
-        if old == new:
+        if before.get(socket) == after.get(socket):
             continue
         place = _SCALARS.get(socket) or _COLORS.get(socket)
         if place is None:
             raise MrmError(f"{where}: {socket} changed, which cannot be written back; change it in the glTF")
-        number = _factor(old, new, place, socket, where)
+        old, new = _split(before.get(socket), socket, place), _split(after.get(socket), socket, place)
+        lookup = (old.lookup if old.file else _plain_lookup(socket, place)) if new.file else None
+        if (new.lookup, new.has_vertex_colors) != (lookup, old.has_vertex_colors):
+            raise MrmError(
+                f"{where}: what drives {socket} is not a texture times a factor as it was; change it in the glTF"
+            )
         part = _made(material, place.extension)
-        if socket in _COLORS:
-            number = list(number) if isinstance(number, tuple) else [number] * 3
-            if socket == "base_color" and len(part.get(place.factor, [])) == 4:
-                number.append(part[place.factor][3])
-            part[place.factor] = number if socket != "base_color" or len(number) == 4 else [*number, 1.0]
-        else:
-            part[place.factor] = number[0] if isinstance(number, tuple) else number
+        _set_factor(part, socket, place, new.factor, has_texture=bool(new.file))
+        if new.file != old.file:
+            if new.file:
+                part[place.texture] = images.add(new.file, part.get(place.texture), f"{where}: {socket}")
+            else:
+                del part[place.texture]
         used = content.setdefault("extensionsUsed", [])
         if place.extension.startswith("KHR_") and place.extension not in used:
             used.append(place.extension)
@@ -565,30 +661,71 @@ def _apply(content: Json, index: int, before: Json, after: Json, where: str) -> 
             del content["extensionsUsed"]
 
 
-def _factor(old: Any, new: Any, place: _Place, socket: str, where: str) -> Any:
-    """Return the factor of an input whose texture, if any, is still the same."""
-    if new is None:
-        return place.default
-    if all(isinstance(x, float) for x in new):
-        if old is not None and not all(isinstance(x, float) for x in old):
-            raise MrmError(f"{where}: {socket} lost its texture; take it out in the glTF")
-        return new
-    bare, factor = _split(new)
-    if old is None or _split(old)[0] != bare:
-        raise MrmError(f"{where}: the texture of {socket} changed; change it in the glTF")
-    return factor
+def _set_factor(
+    part: Json, socket: str, place: _Place, factor: tuple[float, ...] | None, has_texture: bool
+) -> None:
+    """Write a factor; of None, what it is without being written."""
+    if factor is None and place.factor not in part and (not has_texture or place.default == 1.0):
+        return
+    numbers = list(factor or ((1.0 if has_texture else place.default),))
+    if socket in _COLORS:
+        numbers = numbers * 3 if len(numbers) == 1 else numbers
+        if socket == "base_color":
+            numbers.append(part.get(place.factor, [1.0] * 4)[3])
+        part[place.factor] = numbers
+    else:
+        part[place.factor] = numbers[0]
 
 
-def _split(described: Any) -> tuple[Any, Any]:
-    """Return what an input is connected to without its factor, and the factor."""
+@dataclass(frozen=True)
+class _Driver:
+    """What an input is driven by: a factor (None where it is the default), and the look-up of an image file."""
+
+    factor: tuple[float, ...] | None
+    file: str = ""
+    lookup: Any = None
+    has_vertex_colors: bool = False
+
+
+def _split(described: Any, socket: str, place: _Place) -> _Driver:
+    """Take apart what `_described` says of an input."""
+    if described is None or all(isinstance(x, float) for x in described):
+        return _Driver(described)
+    inputs = dict(described[1:])
+    if described[0] == "multiply" and inputs.get("in2", ("",))[0] == "convert":
+        inner = _split(inputs["in1"], socket, place)
+        return replace(inner, has_vertex_colors=True)
+    factor = None
     if described[0] == "multiply":
-        values = dict(described[1:])
-        return values["in1"], values["in2"]
-    if described[0] == "gltf_image":
-        values = dict(described[1:])
-        factor = values.pop("factor", (1.0, 1.0, 1.0))
-        return ("gltf_image", *sorted(values.items())), factor
-    return described, (1.0,)
+        factor, described = inputs.get("in2"), inputs.get("in1", ("",))
+    elif described[0] == "gltf_image":
+        factor = inputs.pop("factor", None)
+        described = ("gltf_image", *sorted(inputs.items()))
+    elif described[0] == _ANISOTROPY_IMAGE:
+        factor = inputs.get(socket)
+        inputs = {name: value for name, value in inputs.items() if not name.startswith("anisotropy")}
+        described = (_ANISOTROPY_IMAGE, *sorted(inputs.items()))
+    file, lookup = _without_file(described)
+    return _Driver(factor, file, lookup)
+
+
+def _without_file(described: Any) -> tuple[str, Any]:
+    """Take the image file out of a look-up: directly, or in the image whose channel is extracted."""
+    inputs = dict(described[1:])
+    if described[0] == "extract":
+        file, inputs["in"] = _without_file(inputs.get("in", ("",)))
+    else:
+        file = inputs.pop("file", "")
+    return file, (described[0], *sorted(inputs.items()))
+
+
+def _plain_lookup(socket: str, place: _Place) -> Any:
+    """Return the look-up of a texture that the glTF did not have."""
+    if place.extension == _ANISOTROPY:
+        return (_ANISOTROPY_IMAGE,)
+    if socket in _COLORS:
+        return ("gltf_image",)
+    return ("extract", ("in", ("gltf_image",)), ("index", (float(place.channel),)))
 
 
 def _made(material: Json, extension: str) -> Json:

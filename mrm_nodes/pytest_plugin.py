@@ -1,0 +1,143 @@
+"""The pytest plugin: `mrm_render` and `mrm_assert_image`, for tests of one's own materials. See docs/pytest.md.
+
+Nothing heavy is imported before a test uses it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+if TYPE_CHECKING:
+    from mrm_nodes.regression.testing import Picture, Session
+
+_FOLDER = pytest.StashKey[Path]()
+_START = pytest.StashKey[float]()
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    group = parser.getgroup("mrm", "images of materials (mrm-nodes)")
+    group.addoption(
+        "--mrm-accept",
+        action="store_true",
+        help="Make the render of each test that is run its new baseline, where it differs or has none.",
+    )
+    group.addoption("--mrm-report", metavar="DIR", help="Folder of the report on all pictures.")
+    group.addoption(
+        "--mrm-backend", default="auto", metavar="NAME", help="OpenGL: egl, osmesa or auto. [default: auto]"
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[_START] = time.perf_counter()
+    folder = config.stash[_FOLDER] = _report_folder(config)
+    if not hasattr(config, "workerinput"):  # of pytest-xdist: workers share the folder
+        shutil.rmtree(folder / "outcomes", ignore_errors=True)
+
+
+def _report_folder(config: pytest.Config) -> Path:
+    given = config.getoption("mrm_report")
+    if given:
+        return Path(config.invocation_params.dir, given).resolve()
+    try:
+        cache = config.getini("cache_dir")
+    except ValueError:  # -p no:cacheprovider
+        return Path(tempfile.gettempdir()) / f"mrm-report-{config.rootpath.name}"
+    return Path(config.rootpath, cache, "mrm-report")
+
+
+@pytest.fixture(scope="session")
+def _mrm_session(pytestconfig: pytest.Config) -> Session:
+    from mrm_nodes.regression.testing import Session
+
+    return Session(pytestconfig.stash[_FOLDER], pytestconfig.getoption("mrm_accept"))
+
+
+@pytest.fixture
+def mrm_render(request: pytest.FixtureRequest) -> Callable[..., Picture]:
+    """A material rendered: `mrm_render("tape.mtlx", mesh=…, camera=…, lights=…, environment=…, size=…, inputs=…)`.
+
+    File names are relative to the test's own file. The result has `image` (h, w, 3) and `mask` (h, w).
+    """
+
+    def render(material: Any, mesh: Any = "sphere", **options: Any) -> Picture:
+        __tracebackhide__ = True
+        from mrm_nodes.regression.testing import picture
+
+        options.setdefault("backend", request.config.getoption("mrm_backend"))
+        with _told_in_one_line():
+            return picture(request.path.parent, material, mesh, **options)
+
+    return render
+
+
+@pytest.fixture
+def mrm_assert_image(request: pytest.FixtureRequest, _mrm_session: Session) -> Callable[..., None]:
+    """Fails a test whose picture is wrong: `mrm_assert_image(picture, name=None, tolerance=…, truth=…)`.
+
+    The truth is `baseline`, an image that was accepted and lies in `baselines` beside the test's file, or
+    `physics`, the evaluator. A tolerance is a dict of `max_rel`, `p999_rel`, `rmse`, `flip` and `hdr_flip`. The
+    name is by default the test's.
+    """
+    count = 0
+
+    def check(
+        seen: Picture,
+        name: str | None = None,
+        tolerance: Mapping[str, float] | None = None,
+        truth: Any = "baseline",
+    ) -> None:
+        __tracebackhide__ = True
+        nonlocal count
+        if name is None:
+            count += 1
+            parts = [request.path.stem, request.node.name]
+            name = "-".join(part.removeprefix("test_") for part in parts) + (f"-{count}" if count > 1 else "")
+        with _told_in_one_line():
+            complaint = _mrm_session.judge(seen, name, request.node.nodeid, truth, tolerance)
+        if complaint:
+            pytest.fail(complaint)
+
+    return check
+
+
+@contextlib.contextmanager
+def _told_in_one_line() -> Iterator[None]:
+    """A fault of the request or the machine fails the test with its message alone."""
+    from mrm_nodes.errors import MrmError
+
+    try:
+        yield
+    except MrmError as error:
+        pytest.fail(str(error), pytrace=False)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    folder = config.stash[_FOLDER]
+    if not (folder / "outcomes").is_dir():
+        return
+    from mrm_nodes.errors import MrmError
+    from mrm_nodes.regression.testing import conclude
+
+    terminalreporter.section("images of materials")
+    try:
+        outcomes = conclude(folder, time.perf_counter() - config.stash[_START])
+    except MrmError as error:
+        terminalreporter.line(f"no report: {error}", red=True)
+        return
+    accepted = [outcome.details for outcome in outcomes if "accepted" in outcome.details]
+    for details in accepted:
+        terminalreporter.line(f"accepted {details['accepted']} for {details['test']}; {details['before']}")
+    counts = Counter(outcome.verdict for outcome in outcomes if "accepted" not in outcome.details)
+    told = ", ".join(
+        [*(f"{count} {verdict}" for verdict, count in counts.items()), f"{len(accepted)} accepted"]
+    )
+    terminalreporter.line(f"{told}; report: {folder / 'index.html'}")

@@ -22,6 +22,10 @@ Compensation = Literal["materialx-1.39.5", "materialx-1.39.6"]
 Environment = Literal["any", "fis", "prefilter"]
 
 
+#: What to do about a MaterialX that is too old.
+UPGRADE = "install 1.39.3 or newer: pip install 'MaterialX>=1.39.3'"
+
+
 @dataclass(frozen=True)
 class Host:
     """What our nodes must know of the `libraries` folder that they are used with."""
@@ -51,10 +55,7 @@ def read_host(libraries: Path) -> Host:
     if not (libraries / "pbrlib" / "genglsl").is_dir():
         raise MrmError(f"{libraries}: not a MaterialX `libraries` folder (no pbrlib/genglsl in it)")
     if not (libraries / CLOSURE_TYPE).is_file():
-        raise MrmError(
-            f"{libraries}: this MaterialX is too old (no {CLOSURE_TYPE}); install 1.39.3 or newer: "
-            "pip install 'MaterialX>=1.39.3'"
-        )
+        raise MrmError(f"{libraries}: this MaterialX is too old (no {CLOSURE_TYPE}); {UPGRADE}")
     microfacet = (libraries / _MICROFACET).read_text(encoding="utf-8")
     by_average = re.search(r"\bmx_ggx_energy_compensation\s*\([^)]*\bFresnelData\b", microfacet)
     has_retroreflective = 'name="retroreflective"' in (libraries / _DEFINITIONS).read_text(encoding="utf-8")

@@ -15,7 +15,11 @@ import MaterialX as mx
 
 from mrm_nodes import surfaces as retrofitted
 from mrm_nodes.errors import MrmError
-from mrm_nodes.host import CLOSURE_TYPE, Environment, Host, read_host
+from mrm_nodes.host import CLOSURE_TYPE, UPGRADE, Environment, Host, read_host
+
+# Before anything of it is used: what follows relies on it.
+if not hasattr(mx.Document, "setDataLibrary"):
+    raise MrmError(f"MaterialX {mx.getVersionString()} is too old; {UPGRADE}")
 
 #: Folder of the installed library below a `libraries` folder, and the file that lists what was written there.
 INSTALL_NAME = "mrm"

@@ -168,6 +168,20 @@ def test_a_materialx_that_is_too_old_is_named_with_what_to_install(tmp_path: Pat
         library.load_library(libraries=libraries)
 
 
+@pytest.mark.parametrize(
+    "command", [["generate", "--check"], ["render", "-o", "out.exr"], ["retrofit", "-o", "out.mtlx"]]
+)
+def test_a_materialx_of_before_1_39_is_one_line(command: list[str]) -> None:
+    """Whose documents know no data library."""
+    name, *options = command
+    arguments = [name, str(library.materials_path() / "traffic_cone.mtlx"), *options]
+    older = "import MaterialX; del MaterialX.Document.setDataLibrary"
+    code = f"{older}; from mrm_nodes import cli; cli.main({arguments!r})"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert re.fullmatch(r"mrm-nodes: MaterialX \S+ is too old; install 1\.39\.3 or newer: .*\n", done.stderr)
+
+
 def test_a_folder_by_another_name_is_refused_where_materialx_would_not_look(tmp_path: Path) -> None:
     renamed = Path(shutil.copytree(library.own_libraries(), tmp_path / "materialx"))
     with pytest.raises(MrmError, match="named `libraries`"):

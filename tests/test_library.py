@@ -13,8 +13,17 @@ import MaterialX as mx
 import pytest
 
 import mrm_nodes
+from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
-from mrm_nodes.library import INSTALL_MARK, INSTALL_NAME, install, materials_path, shared_library, uninstall
+from mrm_nodes.library import (
+    HOST_INCLUDE,
+    INSTALL_MARK,
+    INSTALL_NAME,
+    install,
+    materials_path,
+    shared_library,
+    uninstall,
+)
 
 NODES = ["mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"]
 MATERIALX_LIBRARIES = Path(mx.getDefaultDataSearchPath().asString()) / "libraries"
@@ -131,6 +140,15 @@ def test_install_writes_the_nodes_with_their_glsl_and_lists_what_it_wrote(librar
     assert all(file.is_file() and target in file.parents for file in written)
     assert {file.name for file in written} >= {"mrm_defs.mtlx", *(f"{node}.glsl" for node in NODES)}
     assert set(files_below(target)) == {str(file.relative_to(target)) for file in written} | {INSTALL_MARK}
+
+
+@pytest.mark.parametrize("method", ["fis", "prefilter"])
+def test_installed_for_a_method_of_image_light_the_nodes_know_it(libraries: Path, method: str):
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["install", str(libraries), "--environment", method])
+    assert ended.value.code == 0
+    include = (libraries / INSTALL_NAME / HOST_INCLUDE).read_text()
+    assert f"#define MRM_ENVIRONMENT MRM_ENVIRONMENT_{method.upper()}\n" in include
 
 
 def test_install_changes_nothing_else(libraries: Path):

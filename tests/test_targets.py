@@ -14,7 +14,7 @@ from typing import Any
 import MaterialX as mx
 import pytest
 
-from mrm_nodes import cli, compilers, library, limits, shadergen
+from mrm_nodes import cli, compilers, doctor, library, limits, shadergen
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import targets
 from mrm_nodes.regression.material import NODES, document, inputs_of
@@ -406,6 +406,21 @@ def test_inside_a_surface_the_input_of_the_surface_is_named() -> None:
         f"vest/{weight.getName()} is ignored by genosl: it renders the forward lobe only"
     ]
     assert limits.ignored_inputs(doc, "genglsl") == []
+
+
+def test_doctor_says_what_compiles_each_target_and_what_the_target_ignores(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(
+        compilers.COMPILERS, "essl", replace(compilers.COMPILERS["essl"], is_installed=lambda: False)
+    )
+    doctor.examine()
+    lines = capsys.readouterr().out.splitlines()
+    of = {line.split()[0]: (line, after.strip()) for line, after in itertools.pairwise(lines)}
+    assert of["glsl"][0] == "glsl      compiled by OpenGL driver"
+    assert of["essl"][0] == "essl      unchecked: no glslang; Debian, Ubuntu: apt-get install glslang-tools"
+    assert of["osl"][1] == "ignores retroreflectivity, distribution, masking, retro_transmission"
+    assert of["prefilter"][0].endswith("ignores distribution, masking")
 
 
 # ---- bad input

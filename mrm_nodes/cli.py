@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from mrm_nodes.commands.baseline import baseline
+from mrm_nodes.commands.bench_regress import regress as bench_regress
 from mrm_nodes.commands.options import external_option
 from mrm_nodes.commands.regress import merge, regress
 from mrm_nodes.commands.scene import scene
@@ -339,6 +340,9 @@ def bench() -> None:
     """Measure what the nodes and the evaluator cost."""
 
 
+bench.add_command(bench_regress)
+
+
 @bench.command()
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
 @click.option("--size", type=click.IntRange(16, 4096), default=256, show_default=True, help="Pixels a side.")
@@ -379,15 +383,19 @@ def shader(backend: str, size: int, rounds: int, surfaces: bool, output: Path | 
 @click.option("--growth", is_flag=True, help="Also time a conductor from 10^5 to 10^8 evaluations.")
 def reference(count: int, growth: bool) -> None:
     """Time the evaluator beside NumPy and, where it is installed, Mitsuba's LLVM variant."""
+    from itertools import chain
+
     from mrm_nodes.reference import bench as evaluator_bench
 
-    rows = evaluator_bench.measure(count)
-    if growth:
-        rows += evaluator_bench.growth()
-    click.echo(f"{'subject':<28} {'question':<8} {'lobe':<16} {'cores':>5} {'count':>10} {'million/s':>10}")
-    for row in rows:
-        place = f"{row.subject:<28} {row.question:<8} {row.lobe:<16} {row.cores:>5} {row.count:>10}"
-        click.echo(f"{place} {row.rate / 1e6:>10.2f}")
+    click.echo(
+        f"{'subject':<28} {'question':<8} {'lobe':<22} {'cores':>5} {'count':>10} {'seconds':>8} "
+        f"{'million/s':>10} {'/Mitsuba':>8} {'peak MiB':>8}"
+    )
+    for row in chain(evaluator_bench.measure(count), evaluator_bench.growth() if growth else ()):
+        place = f"{row.subject:<28} {row.question:<8} {row.lobe:<22} {row.cores:>5} {row.count:>10}"
+        ratio = "" if row.of_mitsuba is None else f"{row.of_mitsuba:.2f}"
+        peak = "" if row.peak is None else f"{row.peak:.0f}"
+        click.echo(f"{place} {row.seconds:>8.4f} {row.rate / 1e6:>10.4g} {ratio:>8} {peak:>8}")
 
 
 @cli.command()

@@ -1,0 +1,83 @@
+"""`mrm-nodes bench regress`: what a regression run costs."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import click
+
+from mrm_nodes.errors import MrmError
+
+
+@click.command()
+@click.option(
+    "--count",
+    "counts",
+    type=click.IntRange(1),
+    multiple=True,
+    default=(60,),
+    show_default=True,
+    help="Cases; may be repeated, from small to large.",
+)
+@click.option("--rounds", type=click.IntRange(1), default=1, show_default=True, help="Of each, in turns.")
+@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+@click.option("-o", "--output", type=Path, help="JSON file to write too.")
+def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | None) -> None:
+    """Time runs of one and two jobs, cold and from the cache, and beside MaterialX's renderer and idiff."""
+    from mrm_nodes.regression import bench
+    from mrm_nodes.regression.files import write_text
+
+    measured = []
+    click.echo(
+        f"{'cases':>6} {'jobs':>4} {'threads':>7} {'cases/s':>8} {'of 1 job':>8} {'overhead':>8} {'shaders':>7} "
+        f"{'run MB':>7} {'worker MB':>9}  seconds: generate, compile, render, reference, compare"
+    )
+    for count in counts:
+        for _ in range(rounds):
+            with tempfile.TemporaryDirectory() as name:
+                cache = Path(name)
+                one = bench.measure(count, 1, backend=backend)
+                rows = [
+                    one,
+                    bench.measure(count, 2, backend=backend, cache=cache),
+                    bench.measure(count, 1, all_threads=True, backend=backend),
+                    bench.measure(count, 1, backend=backend, cache=cache),
+                ]
+            for row in rows:
+                threads = "cached" if row.cached else "all" if row.all_threads else "one"
+                stages = " ".join(f"{seconds:.1f}" for seconds in row.stages.values())
+                overhead = "" if row.cached else f"{row.overhead:.0%}"
+                click.echo(
+                    f"{row.count:>6} {row.jobs:>4} {threads:>7} {row.rate:>8.1f} {row.rate / one.rate:>7.2f}x "
+                    f"{overhead:>8} {row.shaders:>7} {row.run_megabytes:>7.0f} {row.worker_megabytes:>9.0f}  {stages}"
+                )
+            measured += rows
+    _beside(backend)
+    if output is not None:
+        write_text(output, bench.as_json(measured))
+
+
+def _beside(backend: str) -> None:
+    from mrm_nodes.regression import bench
+
+    try:
+        beside = bench.beside_materialx(backend=backend)
+    except MrmError as error:
+        click.echo(f"not measured: {error}")
+    else:
+        click.echo(f"{beside.count} materials, cases/s of each round, one thread:")
+        for name in ("theirs", "drawn", "judged"):
+            rates = " ".join(f"{beside.count / seconds:.1f}" for seconds in getattr(beside, name))
+            label = {"theirs": "MaterialX's GlslRenderer", "drawn": "ours, drawn", "judged": "ours, judged"}[
+                name
+            ]
+            click.echo(f"  {label:<26} {rates}")
+    try:
+        for row in bench.beside_idiff():
+            click.echo(
+                f"comparing {row.size}x{row.size}: idiff {row.command:.1f} ms, its library {row.library:.1f} ms, "
+                f"ours {row.ours:.1f} ms"
+            )
+    except MrmError as error:
+        click.echo(f"not measured: {error}")

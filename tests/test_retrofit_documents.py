@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 import mrm_nodes
-from mrm_nodes.cli import cli
+from mrm_nodes.cli import cli, main
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.surfaces.rewrite import retrofit_file, retrofit_text
 
@@ -175,6 +175,14 @@ BAD = {
     ),
     "unknown definition": (CONE.replace("ND_open_pbr", "ND_openpbr"), "node cone: "),
     "twice": (retrofit_text(CONE.encode(), "")[0].decode(), "is retrofitted already: cone is a mrm_open_pbr"),
+    "taken name": (
+        CONE.replace(
+            "</materialx>",
+            '<nodedef name="ND_mine" node="mrm_open_pbr_surface"><output name="out" type="surfaceshader" />'
+            "</nodedef></materialx>",
+        ),
+        "defines a node mrm_open_pbr_surface itself; rename it first",
+    ),
     "broken": (CONE.replace("</materialx>", ""), "not a MaterialX document"),
     "texture": (textured("no_such.png"), "stripes/file: there is no texture no_such.png"),
 }
@@ -210,6 +218,21 @@ def test_what_cannot_be_done_leaves_no_trace(tmp_path: Path, text: str, weights:
     with pytest.raises(MrmError, match=message):
         retrofit_file(source, target, weights)
     assert source.read_text() == text
+    assert list(tmp_path.iterdir()) == [source]
+
+
+@pytest.mark.parametrize(("text", "message"), BAD.values(), ids=BAD)
+def test_the_command_says_so_in_one_line_with_status_2(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    source = tmp_path / "in.mtlx"
+    source.write_text(text)
+    with pytest.raises(SystemExit) as stopped:
+        main(["retrofit", str(source), "-o", str(tmp_path / "out.mtlx")])
+    assert stopped.value.code == 2
+    complaint = capsys.readouterr().err
+    assert message in complaint
+    assert complaint.count("\n") == 1
     assert list(tmp_path.iterdir()) == [source]
 
 

@@ -21,6 +21,8 @@ from mrm_nodes.render import write_png
 from mrm_nodes.shadergen import read_document
 from mrm_nodes.surfaces.convert import convert
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*VENDOR_thing is left out")
+
 TEXTURE = {"index": 0, "texCoord": 0}
 CONE: dict[str, Any] = {
     "asset": {"version": "2.0", "generator": "a test", "extras": {"author": "somebody"}},
@@ -190,6 +192,15 @@ BAD = {
     "object": (lambda c: c["materials"][0]["extensions"].update(KHR_materials_sheen=1), "sheen is not an object"),
     "texture": (lambda c: retro(c).update(retroreflectionTexture={"index": 7}), "there is no texture 7"),
     "file": (lambda c: c["images"][0].update(uri="no_such.png"), r"there is no texture .*no_such\.png"),
+    "index": (lambda c: retro(c).update(retroreflectionTexture={"index": "a"}), "there is no texture a"),
+    "info": (lambda c: retro(c).update(retroreflectionTexture=5), "there is no texture None"),
+    "item": (lambda c: c["textures"].__setitem__(0, 3), "material 0: not laid out as glTF 2.0 says"),
+    "uri": (lambda c: c["images"].__setitem__(0, {"uri": 5}), "material 0: not laid out as glTF 2.0 says"),
+    "part": (lambda c: c["materials"][1].update(pbrMetallicRoughness=[1]), "material 1: not laid out"),
+    "primitives": (lambda c: c.update(meshes=[{"primitives": 3}]), "not laid out as glTF 2.0 says"),
+    "material": (lambda c: c["materials"].append(5), "material 3: is not an object"),
+    "asset": (lambda c: c.update(asset=[]), "not glTF 2"),
+    "required": (lambda c: c.update(extensionsRequired=["VENDOR_thing"]), "requires VENDOR_thing"),
     "unlit": (lambda c: c["materials"][1].update(extensions={"KHR_materials_unlit": {}}), "material 1: KHR"),
     "none": (lambda c: c.pop("materials"), "has no materials"),
     "version": (lambda c: c["asset"].update(version="1.0"), "not glTF 2"),
@@ -204,6 +215,11 @@ def test_a_broken_gltf_leaves_no_trace(folder: Path, change: Any, message: str) 
     with pytest.raises(MrmError, match=message):
         convert(source, folder / "out.mtlx")
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_an_extension_that_may_be_ignored_is_named(folder: Path) -> None:
+    with pytest.warns(MrmWarning, match="material 0: VENDOR_thing is left out"):
+        convert(folder / "cone.gltf", folder / "cone.mtlx")
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b"glTF", b"glTF\2\0\0\0\xff\0\0\0\xff\0\0\0JSON{}"])

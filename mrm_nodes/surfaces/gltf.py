@@ -82,6 +82,7 @@ _NORMALS = {"normal": ("", "normalTexture"), "clearcoat_normal": (f"{_K}clearcoa
 _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 #: Extensions of a material that MaterialX's gltf_pbr cannot take: the converted material would be another one.
 _EXCLUDED = (f"{_K}unlit", f"{_K}pbrSpecularGlossiness")
+_KNOWN = {place.extension for place in (*_SCALARS.values(), *_COLORS.values())}
 _WRAPS = {33071: "clamp", 33648: "mirror", 10497: "periodic"}
 
 
@@ -114,7 +115,8 @@ def read_gltf(path: str | os.PathLike[str]) -> Asset:
         content = json.loads(text)
     except ValueError as error:
         raise MrmError(f"{path}: not glTF: {error}") from None
-    version = content.get("asset", {}).get("version") if isinstance(content, dict) else None
+    about = content.get("asset") if isinstance(content, dict) else None
+    version = about.get("version") if isinstance(about, dict) else None
     if not (isinstance(version, str) and version.startswith("2.")):
         raise MrmError(f"{path}: not glTF 2: its asset says version {version}")
     return Asset(path, content, binary)
@@ -177,7 +179,8 @@ def gltf_to_materialx(source: Path, target: Path, weights: Mapping[str, float] |
         if not (math.isfinite(weight) and 0.0 <= weight <= 1.0):
             raise MrmError(f"{name}: {weight:g} is not from 0 to 1")
         for material in asset.json.get("materials") or []:
-            _made(material, EXTENSION)["retroreflectionFactor"] = weight
+            if isinstance(material, dict):
+                _made(material, EXTENSION)["retroreflectionFactor"] = weight
     document = _document(asset, target, images)
     names = [node.getName() for node in document.getMaterialNodes()]
     valid, message = _with_library(document).validate()
@@ -200,7 +203,11 @@ def _document(asset: Asset, target: Path, images: dict[str, bytes]) -> mx.Docume
     document.setAttribute(SOURCE, _relative(asset.path, target.parent))
     for index, material in enumerate(materials):
         reader = _Reader(asset, target, document, images, f"{asset.path}: material {index}")
-        reader.add(index, material)
+        try:
+            reader.add(index, material)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+            # Each of its numbers and objects is looked at once, as what it should be.
+            raise MrmError(f"{reader.where}: not laid out as glTF 2.0 says: {error}") from error
     return document
 
 
@@ -265,6 +272,14 @@ class _Reader:
         for name, extension in extensions.items():
             if not isinstance(extension, dict):
                 raise MrmError(f"{self.where}: {name} is not an object")
+            if name not in _KNOWN:
+                if name in self.asset.json.get("extensionsRequired", []):
+                    raise MrmError(f"{self.where}: requires {name}, which MaterialX has nothing for")
+                warnings.warn(
+                    f"{self.where}: {name} is left out: MaterialX has nothing for it",
+                    MrmWarning,
+                    stacklevel=2,
+                )
         retro = extensions.get(EXTENSION, {})
         factor = retro.get("retroreflectionFactor", 0.0)
         if isinstance(factor, bool) or not isinstance(factor, int | float) or not 0.0 <= factor <= 1.0:

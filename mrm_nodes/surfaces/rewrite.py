@@ -67,6 +67,8 @@ def retrofit_text(
     edits = Edits(text)
     changed, used = [], set()
     for tag in root.walk():
+        if tag.name == "nodedef" and tag.attributes.get("node") in _our_nodes():
+            raise MrmError(f"{where}: defines a node {tag.attributes['node']} itself; rename it first")
         surface = _surface_of(tag)
         if surface is not None:
             _rename(edits, tag, surface.node, surface.name)
@@ -160,9 +162,12 @@ def _replace_switch(edits: Edits, tag: Tag) -> None:
     edits.replace(switch.start, switch.end_end, f'<input name="{WEIGHT}" type="float" {source} />')
 
 
+def _our_nodes() -> set[str]:
+    return {surface.name for surface in known_surfaces().values()} | set(SUBSTITUTES.values())
+
+
 def _why_nothing(root: Tag) -> str:
-    ours = {surface.name for surface in known_surfaces().values()} | set(SUBSTITUTES.values())
-    present = next((tag for tag in root.walk() if tag.name in ours), None)
+    present = next((tag for tag in root.walk() if tag.name in _our_nodes()), None)
     if root.name != "materialx":
         return f"is <{root.name}>, not <materialx>"
     if present is not None:

@@ -542,6 +542,34 @@ def test_numbers_that_are_gone_leave_the_pictures(tmp_path, browser):
         page.context.close()
 
 
+def test_a_render_without_a_reference_is_shown_alone(tmp_path, opened):
+    place = tmp_path / "cases"
+    place.mkdir()
+    image, _, mask = images(0.0)
+    files = write_pictures(place, image, None, mask, source=SOURCE)
+    assert set(files) == {"exposure", "render", "render_data", "source", "data"}
+    files = {name: f"cases/{file}" if isinstance(file, str) else file for name, file in files.items()}
+    new = outcome_of(default_suite()[0], "egl", "error", message="it has no baseline yet", files=files)
+    paired = outcome_of(
+        default_suite()[1], "egl", **compared(tmp_path, "paired", 0.0, Tolerance(max_rel=1e-3))
+    )
+    write_report(tmp_path, ENVIRONMENT, [new, paired], 1.0)
+    page = opened(of=tmp_path)
+    page.keyboard.press("Home")
+    page.keyboard.press("Enter")
+    page.wait_for_selector("#layer-render canvas")
+    assert page.locator(".pane:visible").count() == 1
+    assert page.locator("#mode-slider").is_disabled()
+    page.keyboard.press("s")
+    hover(page, 5, 25)
+    assert [np.float32(text) for text in probed(page, "render")] == list(image[25, 5])
+    expect(page.locator("#probe-reference")).not_to_be_visible()
+    expect(page.locator("#case-message")).to_have_text("it has no baseline yet")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#edge")).to_be_visible()
+    assert page.locator(".pane:visible").count() == 2
+
+
 def test_a_partial_run_says_so_and_scenes_come_last(tmp_path, opened):
     gallery = [{"title": "Cone", "caption": "by night", "image": "cone.png"}]
     environment = {**ENVIRONMENT, "partial": "it was interrupted", "gallery": gallery}

@@ -32,16 +32,16 @@ BRIGHTEST = 0.995
 def write_pictures(
     folder: Path,
     image: ArrayLike,
-    reference: ArrayLike,
+    reference: ArrayLike | None,
     mask: ArrayLike,
-    used: ArrayLike | None,
+    used: ArrayLike | None = None,
     flip: ArrayLike | None = None,
     source: str | None = None,
 ) -> dict[str, str | float]:
     """Write the files of one case into an existing folder.
 
     Args:
-        image, reference: `(h, w, 3)`, linear.
+        image, reference: `(h, w, 3)`, linear; a case that has no reference yet has None.
         mask: `(h, w)`, true where the mesh is.
         used: `(h, w)`, error as a share of its bound, or None where no bound is one on pixels.
         flip: `(h, w)`, 0 to 1, where it was asked for.
@@ -55,8 +55,9 @@ def write_pictures(
     pixels = {
         name: np.where(covered, values, 0.0).astype(np.float32)
         for name, values in (("render", image), ("reference", reference))
+        if values is not None
     }
-    exposure = exposure_for(pixels["reference"][mask])
+    exposure = exposure_for(pixels.get("reference", pixels["render"])[mask])
     files: dict[str, str | float] = {"exposure": exposure}
     for name, shown in pixels.items():
         write_exr(folder / f"{name}.exr", shown)
@@ -92,17 +93,15 @@ def page_data(
     side, then zlib. Maps have 16 bits, as they are shown with two digits.
 
     Args:
-        pixels: `render` and `reference`, `(h, w, 3)`.
+        pixels: `render`, and `reference` if there is one, `(h, w, 3)`.
         maps: `used`, `flip` or both, `(h, w)`.
     """
-    render, reference = (
-        np.ascontiguousarray(pixels[name]).view(np.uint32) for name in ("render", "reference")
-    )
+    bits = {name: np.ascontiguousarray(values).view(np.uint32) for name, values in pixels.items()}
     with np.errstate(over="ignore"):
         halves = {name: np.asarray(values).astype(np.float16) for name, values in maps.items()}
     parts: dict[str, NDArray[Any]] = {
-        "render": render,
-        "reference": render ^ reference,
+        "render": bits["render"],
+        **({"reference": bits["render"] ^ bits["reference"]} if "reference" in bits else {}),
         **halves,
         "mask": mask.astype(np.uint8),
     }

@@ -7,6 +7,8 @@ const view = {
   each: null,
   pixels: null,
   mode: "side",
+  wanted: "side", // The mode that was chosen: a render alone is shown as it is.
+  alone: false,
   map: null,
   colours: "picture",
   exposure: 0,
@@ -22,8 +24,8 @@ const still = matchMedia("(prefers-reduced-motion: reduce)");
 const MAPS = {
   used: { words: "share of bound", offered: (pixels) => pixels.used, paint: heatOf, ends: [`bound / 10${raised(PAGE.heat.decades)}`, "bound | over"], over: true },
   flip: { words: "FLIP", offered: (pixels) => pixels.flip, paint: flipOf, ends: ["0", "1"] },
-  error: { words: "relative error", offered: () => true, paint: errorsOf, ends: [`10${raised(-ERROR_DECADES)}`, "1 | over"], over: true },
-  signed: { words: "signed error", offered: () => true, paint: (pixels) => signedOf(pixels, signedLimit(pixels)), signed: true },
+  error: { words: "relative error", offered: (pixels) => pixels.reference, paint: errorsOf, ends: [`10${raised(-ERROR_DECADES)}`, "1 | over"], over: true },
+  signed: { words: "signed error", offered: (pixels) => pixels.reference, paint: (pixels) => signedOf(pixels, signedLimit(pixels)), signed: true },
 };
 
 function openCase(each) {
@@ -95,6 +97,9 @@ function closeCase() {
 function showImages(pixels) {
   view.pixels = pixels;
   const { files } = view.each;
+  view.alone = pixels ? !pixels.reference : !files.reference;
+  for (const control of document.querySelectorAll("[data-pair]")) control.disabled = view.alone;
+  byId("pane-map").hidden = pixels ? view.alone : !files.error;
   const side = pixels ? pixels.width / pixels.height : 1;
   byId("panes").style.setProperty("--aspect", side);
   for (const [id, name] of [["render", "render"], ["behind", "reference"], ["reference", "reference"], ["map", "error"]]) {
@@ -105,19 +110,20 @@ function showImages(pixels) {
     );
   }
   for (const control of document.querySelectorAll("[data-numbers]")) control.disabled = !pixels;
-  if (pixels) {
+  byId("map-kind").disabled = !pixels || view.alone;
+  if (pixels && !view.alone) {
     const offered = Object.keys(MAPS).filter((name) => MAPS[name].offered(pixels));
     view.map = offered.includes(view.map) ? view.map : offered[0];
     byId("map-kind").replaceChildren(...offered.map((name) => el("option", { value: name }, MAPS[name].words)));
     byId("map-kind").value = view.map;
-    view.spot ??= brightestError(pixels);
   }
+  if (pixels) view.spot ??= worstPixel(pixels);
   paintAll();
-  setMode(view.mode);
+  setMode(view.wanted);
   showSpot();
 }
 
-function brightestError(pixels) {
+function worstPixel(pixels) {
   let worst = 0;
   let at = pixels.mask.findIndex((inside) => inside > 0);
   const values = pixels.used ?? pixels.flip;
@@ -136,10 +142,13 @@ function paintAll() {
   if (!pixels) return;
   const colour = view.colours === "false" ? falseColours : pictureOf;
   const render = colour(pixels.render, pixels, exposure);
+  const show = (id, picture) => byId(`layer-${id}`).firstChild.getContext("2d").putImageData(picture, 0, 0);
+  show("render", render);
+  if (view.alone) return;
   const reference = colour(pixels.reference, pixels, exposure);
-  for (const [id, picture] of [["render", render], ["behind", reference], ["reference", reference], ["map", MAPS[view.map].paint(pixels)]]) {
-    byId(`layer-${id}`).firstChild.getContext("2d").putImageData(picture, 0, 0);
-  }
+  show("behind", reference);
+  show("reference", reference);
+  show("map", MAPS[view.map].paint(pixels));
   const map = MAPS[view.map];
   const limit = map.signed ? figure(signedLimit(pixels)) : "";
   byId("map-scale").replaceChildren(el("i", {}), ...(map.over ? [el("i", { class: "over" })] : []));
@@ -160,7 +169,7 @@ function toggleColours() {
 }
 
 function chooseMap(name) {
-  if (!view.pixels) return;
+  if (!view.pixels || view.alone) return;
   const offered = [...byId("map-kind").options].map((option) => option.value);
   view.map = name ?? offered[(offered.indexOf(view.map) + 1) % offered.length];
   byId("map-kind").value = view.map;
@@ -169,15 +178,17 @@ function chooseMap(name) {
 
 // Modes: three panes, or render and reference in one, wiped or in turn.
 
-function setMode(mode) {
+function setMode(wanted) {
   stopFlicker();
-  view.mode = mode;
+  view.wanted = wanted;
+  const mode = view.mode = view.alone ? "side" : wanted;
   for (const name of ["side", "slider", "flicker"]) {
     byId(`mode-${name}`).setAttribute("aria-pressed", String(name === mode));
   }
   const slider = mode === "slider";
-  byId("pane-reference").hidden = mode !== "side";
-  byId("panes").style.setProperty("--panes", mode === "side" ? 3 : 2);
+  byId("pane-reference").hidden = mode !== "side" || view.alone;
+  const shown = [...document.querySelectorAll(".pane")].filter((pane) => !pane.hidden).length;
+  byId("panes").style.setProperty("--panes", shown);
   byId("layer-behind").hidden = !slider;
   byId("wipe").hidden = !slider;
   byId("edge").hidden = !slider;
@@ -278,7 +289,8 @@ function showSpot() {
   if (found.inside && found.flip !== undefined) place.push(` · FLIP ${found.flip.toFixed(3)}`);
   byId("probe-place").replaceChildren(...place);
   for (const [row, values, write] of [["render", found.render, float32Text], ["reference", found.reference, float32Text], ["error", found.error, figure]]) {
-    byId(`probe-${row}`).replaceChildren(el("th", { scope: "row" }, row === "error" ? "relative error" : row), ...values.map((value) => el("td", {}, write(value))));
+    byId(`probe-${row}`).hidden = !values;
+    if (values) byId(`probe-${row}`).replaceChildren(el("th", { scope: "row" }, row === "error" ? "relative error" : row), ...values.map((value) => el("td", {}, write(value))));
   }
 }
 

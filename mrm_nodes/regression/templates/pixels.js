@@ -46,9 +46,10 @@ async function unpack(payload) {
     start += count * size;
   }
   const render = pixels.render;
-  const reference = pixels.reference.map((bits, i) => bits ^ render[i]);
+  // A case without a baseline has a render only.
+  const reference = pixels.reference?.map((bits, i) => bits ^ render[i]);
   pixels.render = new Float32Array(render.buffer);
-  pixels.reference = new Float32Array(reference.buffer);
+  if (reference) pixels.reference = new Float32Array(reference.buffer);
   for (const name of ["used", "flip"]) {
     if (pixels[name]) pixels[name] = Float32Array.from(pixels[name], halfToNumber);
   }
@@ -78,14 +79,14 @@ function halfToNumber(bits) {
 function probe(pixels, x, y) {
   const at = y * pixels.width + x;
   const render = [...pixels.render.subarray(3 * at, 3 * at + 3)];
-  const reference = [...pixels.reference.subarray(3 * at, 3 * at + 3)];
+  const reference = pixels.reference && [...pixels.reference.subarray(3 * at, 3 * at + 3)];
   return {
     x,
     y,
     inside: pixels.mask[at] > 0,
     render,
     reference,
-    error: render.map((value, i) => relativeError(value, reference[i])),
+    error: reference && render.map((value, i) => relativeError(value, reference[i])),
     used: pixels.used?.[at],
     flip: pixels.flip?.[at],
   };

@@ -118,7 +118,8 @@ def test_the_page_holds_the_whole_report(report):
 
 
 @pytest.mark.parametrize(
-    "evil", ["</script><script>alert(1)</script>", "<!--<script>", "&lt;b>", "\u2028'\"`${1}"]
+    "evil",
+    ["</script><script>alert(1)</script>", "</script ><b>", "<!--<script>", "&lt;b>", "\u2028'\"`${1}"],
 )
 def test_what_a_page_quotes_stays_text(tmp_path, evil):
     case, *_ = default_suite()

@@ -90,7 +90,10 @@ def test_one_value_that_is_not_finite_fails_whatever_is_asked(tolerance, value):
     image = scene()
     image[7, 9, 2] = value
     loose = Tolerance(**dict.fromkeys(tolerance.asked(), 1e6))
-    assert compared(image, loose).verdict == "fail"
+    found = compared(image, loose)
+    assert found.verdict == "fail"
+    assert found.flip is None or found.flip[7, 9] == 1
+    assert found.used is None or found.used[7, 9] == np.inf
 
 
 def test_the_map_is_the_share_of_the_bound_and_marks_the_worst_pixel():

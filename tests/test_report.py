@@ -131,6 +131,7 @@ def test_what_a_page_quotes_stays_text(tmp_path, evil):
     page, plain = Page(text), Page(page_of(tmp_path, "harmless"))
     assert page.tags == plain.tags
     data = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)[1]
+    assert "<" not in data
     assert json.loads(data)["report"]["cases"][0]["message"] == evil
 
 

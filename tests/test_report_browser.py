@@ -40,7 +40,9 @@ ENVIRONMENT = {
     "versions": {"mrm-nodes": "0.1.0"},
 }
 SOURCE = '<materialx version="1.39"><!-- </script><img src=x onerror="document.title=1"> --></materialx>'
-EVIL = "</script><script>document.title='taken'</script><img src=x onerror=\"document.title='taken'\">"
+EVIL = (
+    "</script ></script><script>document.title='taken'</script><img src=x onerror=\"document.title='taken'\">"
+)
 
 
 def images(wrong: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

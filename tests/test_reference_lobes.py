@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrm_nodes import reference as ref
+from mrm_nodes.reference.energy import ANISOTROPIC_ERROR
 
 TURN = np.array([-1.0, -1.0, 1.0])
 
@@ -214,6 +215,21 @@ def test_compensated_white_albedo_is_one_within_the_stated_error(distribution, m
     assert white.min() >= (0.85 if scheme.startswith("mat") else 1.0 - bound)
 
 
+@pytest.mark.parametrize("scheme", ["turquin", "kulla-conty"])
+@pytest.mark.parametrize(("distribution", "masking"), MASKS)
+def test_compensated_anisotropic_lobes_make_no_more_energy_than_is_stated(distribution, masking, scheme):
+    """Their table is that of an isotropic lobe: they may lose much, and make little."""
+    cos, phi = np.array([0.05, 0.3, 0.7, 1.0])[:, None], np.array([0.0, 0.8, math.pi / 2.0])
+    sin = np.sqrt(1.0 - cos**2)
+    v = np.stack(np.broadcast_arrays(sin * np.cos(phi), sin * np.sin(phi), cos), axis=-1)
+    for alpha in ((0.2, 0.1), (0.5, 0.25), (0.9, 0.1)):
+        white = ref.GeneralizedSchlick(
+            1.0, alpha=alpha, distribution=distribution, masking=masking, energy_compensation=scheme
+        ).albedo(v)
+        assert white.max() <= 1.0 + ANISOTROPIC_ERROR
+        assert white.min() >= 0.6
+
+
 def test_tables_serve_both_lobes():
     """The same table, and the same compensated albedo by direct integration."""
     v = np.array([0.6, 0.0, 0.8])
@@ -403,6 +419,18 @@ V = np.array([0.6, 0.0, 0.8])
         (lambda: ref.Dielectric(1.5, 0.3, mean_slope=0.1, masking="vcavity"), ["mean_slope"]),
         (lambda: ref.Dielectric(1.5, 0.3, masking="kelemen", scatter_mode="RT"), ["masking", "kelemen"]),
         (lambda: ref.Dielectric("glass", 0.3), ["ior", "glass"]),
+        (lambda: ref.Dielectric(math.nan, 0.3), ["ior", "nan"]),
+        (lambda: ref.Dielectric(1e30, 0.3), ["ior", "1e+30"]),
+        (lambda: ref.Dielectric(1.5, math.nan), ["alpha", "nan"]),
+        (lambda: ref.Dielectric(1.5, math.inf), ["alpha", "inf"]),
+        (lambda: ref.Dielectric(1.5, [0.3, 0.3, 0.0, 0.3]), ["alpha", "(2,)"]),
+        (
+            lambda: ref.Dielectric(1.5, np.full((4, 2), 0.3)).albedo(np.tile(V, (3, 1))),
+            ["broadcast", "(3, 3)"],
+        ),
+        (lambda: ref.Dielectric(1.5, 0.3).sample(np.tile(V, (4, 1)), np.full((5, 3), 0.5)), ["broadcast"]),
+        (lambda: ref.Dielectric(1.5, 0.3).sample(V, (0.5, math.nan, 0.5)), ["u", "nan"]),
+        (lambda: ref.GGX(0.3).Lambda(V * math.nan), ["v", "unit length"]),
         (lambda: ref.Dielectric(np.ones(4), np.full((5, 1), 0.3)), ["broadcast"]),
         (lambda: ref.Dielectric(1.5, 0.3).eval(V * 1.01, V), ["v", "unit length"]),
         (lambda: ref.Dielectric(1.5, 0.3).eval(V, V * math.nan), ["l", "unit length"]),

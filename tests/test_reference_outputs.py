@@ -62,8 +62,8 @@ def test_figures_are_drawn(tmp_path, monkeypatch):
 
 
 def test_the_bench_measures_every_question():
-    rows = bench.measure(count=1 << 9, repeats=1)
-    assert {row.question for row in rows} == {"eval", "pdf", "sample", "albedo"}
+    rows = list(bench.measure(count=1 << 9, repeats=1))
+    assert {row.question for row in rows} == {"eval", "pdf", "sample", "albedo", "table"}
     assert all(row.rate > 0.0 for row in rows)
     assert any(row.subject.startswith("NumPy") for row in rows)
 

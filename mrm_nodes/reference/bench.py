@@ -2,18 +2,22 @@
 arrays.
 """
 
+import resource
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from . import compiled
+from . import microsurface as surface
 from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
 from .compiled import Array
+from .energy import COLUMNS, RESOLUTION, ROWS, white_albedo_table
 from .fresnel import fresnel_conductor
 
 #: Complex index of a copper-like metal, for red, green and blue.
@@ -22,14 +26,22 @@ IOR, EXTINCTION = (0.2004, 0.9240, 1.1022), (3.9129, 2.4528, 2.1421)
 
 @dataclass(frozen=True)
 class Row:
-    """One measurement: `rate` is the best of a few runs, in results a second."""
+    """One measurement, the best of a few runs: `rate` in results a second. An `eval` runs turn about with
+    Mitsuba's conductor, and `of_mitsuba` is its rate over that."""
 
     subject: str
     question: str
     lobe: str
     cores: int
     count: int
-    rate: float
+    seconds: float
+    of_mitsuba: float | None = None
+    #: Most memory that the process has held so far, in MiB.
+    peak: float | None = None
+
+    @property
+    def rate(self) -> float:
+        return self.count / self.seconds
 
 
 def _directions(rng: np.random.Generator, count: int) -> Array:
@@ -39,14 +51,24 @@ def _directions(rng: np.random.Generator, count: int) -> Array:
     return d
 
 
-def _rate(work: Callable[[], object], count: int, repeats: int) -> float:
-    work()
-    best = np.inf
-    for _ in range(repeats):
-        start = time.perf_counter()
+#: Seconds after which a measurement is not repeated any more.
+ENOUGH = 0.5
+
+
+def _best(works: Sequence[Callable[[], object]], repeats: int) -> list[float]:
+    """The best seconds of each, run turn about so that what else the machine does meets all of them."""
+    for work in works:
         work()
-        best = min(best, time.perf_counter() - start)
-    return count / best
+    best = [np.inf] * len(works)
+    began = time.perf_counter()
+    for _ in range(repeats):
+        for k, work in enumerate(works):
+            start = time.perf_counter()
+            work()
+            best[k] = min(best[k], time.perf_counter() - start)
+        if time.perf_counter() - began > ENOUGH:
+            break
+    return best
 
 
 @contextmanager
@@ -123,56 +145,63 @@ def mitsuba_conductor(mi: Any, v: Array, l: Array) -> Callable[[], object]:  # n
     return work
 
 
-def measure(count: int = 1 << 20, repeats: int = 7) -> list[Row]:
-    """Measure everything: `count` configurations for each question, `repeats` runs of which the best
-    counts.
+def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[Row]:
+    """Measure everything, a row as soon as it is known: `count` configurations for `eval` and `pdf`, fewer for
+    what is slower, `repeats` runs or half a second.
     """
     rng = np.random.default_rng(0)
     v, l = _directions(rng, count), _directions(rng, count)  # noqa: E741
     u = rng.random((count, 3))
     every = compiled.thread_count()
-    few = count // 256
-    rows = []
-
-    def add(subject: str, question: str, lobe: str, cores: int, n: int, work: Callable[[], object]) -> None:
-        rows.append(Row(subject, question, lobe, cores, n, _rate(work, n, repeats)))
-
+    drawn, few = max(count >> 3, 1), max(count >> 14, 1)
     mi = _mitsuba()
+    theirs = [] if mi is None else [mitsuba_conductor(mi, v, l)]
+    ours = "mrm_nodes, float64"
     if mi is not None:
-        version = f"Mitsuba {mi.__version__}, llvm float32"
-        add(version, "eval", "conductor", every, count, mitsuba_conductor(mi, v, l))
+        (seconds,) = _best(theirs, repeats)
+        name = f"Mitsuba {mi.__version__}, llvm float32"
+        yield Row(name, "eval", "conductor", every, count, seconds, 1.0)
     for name, bsdf in _lobes().items():
-        questions: dict[str, tuple[int, Callable[[Lobe], object]]] = {
-            "eval": (count, lambda b: b.eval(v, l)),
-            "pdf": (count, lambda b: b.pdf(v, l)),
-            "sample": (count, lambda b: b.sample(v, u)),
-            "albedo": (few, lambda b: b.albedo(v[: count // 256])),
+        questions: dict[str, tuple[int, Callable[[], object]]] = {
+            "eval": (count, partial(bsdf.eval, v, l)),
+            "pdf": (count, partial(bsdf.pdf, v, l)),
+            "sample": (drawn, partial(bsdf.sample, v[:drawn], u[:drawn])),
+            "albedo": (few, partial(bsdf.albedo, v[:few])),
         }
         for question, (n, ask) in questions.items():
             for cores in sorted({1, every}):
+                beside = theirs if question == "eval" and cores == every else []
                 with _cores(cores):
-                    add("mrm_nodes, float64", question, name, cores, n, lambda ask=ask, b=bsdf: ask(b))  # type: ignore[misc]
-    add("NumPy, float64", "eval", "conductor", 1, count, lambda: numpy_conductor(v, l, 0.3))
-    return rows
+                    seconds, *others = _best([ask, *beside], repeats)
+                ratio = others[0] / seconds if others else None
+                yield Row(ours, question, name, cores, n, seconds, ratio)
+    (seconds,) = _best([lambda: numpy_conductor(v, l, 0.3)], repeats)
+    yield Row("NumPy, float64", "eval", "conductor", 1, count, seconds)
+    yield _table(every)
 
 
-def growth(sizes: tuple[int, ...] = (10**5, 10**6, 10**7, 10**8)) -> list[Row]:
-    """`eval` of one conductor for growing arrays; one view against many lights keeps the inputs small."""
+def _table(cores: int) -> Row:
+    """Samples a second of the table that energy compensation reads, made anew."""
+    start = time.perf_counter()
+    white_albedo_table.__wrapped__(surface.GGX, surface.SMITH, surface.HEIGHT)
+    samples = ROWS * COLUMNS * RESOLUTION**2
+    seconds = time.perf_counter() - start
+    return Row("mrm_nodes, float64", "table", "white, GGX", cores, samples, seconds)
+
+
+def growth(sizes: tuple[int, ...] = (10**5, 10**6, 10**7, 10**8)) -> Iterator[Row]:
+    """`eval` of one conductor for growing grids of views and lights, ten million at a time."""
     rng = np.random.default_rng(0)
     bsdf = _lobes()["conductor"]
-    rows = []
     for size in sizes:
         columns = min(size, 10**4)
         v, l = _directions(rng, size // columns)[:, np.newaxis], _directions(rng, columns)  # noqa: E741
-        step = max(1, 10**7 // columns)
-
-        def work(v: Array = v, l: Array = l, step: int = step) -> None:  # noqa: E741
-            for k in range(0, len(v), step):
-                bsdf.eval(v[k : k + step], l)
-
-        rows.append(
-            Row(
-                "mrm_nodes, float64", "eval", "conductor", compiled.thread_count(), size, _rate(work, size, 1)
-            )
-        )
-    return rows
+        step = 10**7 // columns
+        bsdf.eval(v[:1], l)
+        start = time.perf_counter()
+        for k in range(0, len(v), step):
+            bsdf.eval(v[k : k + step], l)
+        seconds = time.perf_counter() - start
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+        cores = compiled.thread_count()
+        yield Row("mrm_nodes, float64", "eval", "conductor", cores, size, seconds, peak=peak)

@@ -6,9 +6,9 @@ named by the offset of its first element."""
 
 from typing import Any
 
-from .compiled import Array, formula
+from .compiled import Array, formula, inlined
 
-BLOCK = 128
+BLOCK = 64
 
 # Directions as given.
 VX, VY, VZ, LX, LY, LZ = (BLOCK * k for k in range(6))
@@ -24,10 +24,12 @@ D, CV, CL, SINE_V, SINE_L, AREA_V, AREA_L, VISIBLE = (BLOCK * k for k in range(4
 FR, FG, FB, TR, TG, TB, OR, OG, OB = (BLOCK * k for k in range(48, 57))
 # White albedo at n.v, index of the inside, cosine on the outside of the selected normal.
 ALBEDO, INDEX, OUTER = (BLOCK * k for k in range(57, 60))
+# What an integral finds to go through.
+PR, PG, PB = (BLOCK * k for k in range(60, 63))
 # Whether any lane has a film, a forward share, a retro share, and whether any parameter varies: what can be
 # skipped.
-COATED, FORWARD, RETRO_SHARE, VARIES = (BLOCK * 60 + k for k in range(4))
-SIZE = BLOCK * 61
+COATED, FORWARD, RETRO_SHARE, VARIES = (BLOCK * 63 + k for k in range(4))
+SIZE = BLOCK * 64
 
 # Positions in `modes`.
 KIND, DISTRIBUTION, MASKING, CORRELATION, COMPENSATION, SCATTER, RETRO_TRANSMISSION, SKEWED, FIFTH = range(9)
@@ -41,7 +43,7 @@ IN_RXY, IN_MEAN, IN_TINT, IN_TABLE, IN_NODES = range(10, 15)
 UNIT_TOLERANCE = 2e-6
 
 
-@formula
+@inlined
 def _load(s: Array, row: int, source: Array, component: int, start: int, count: int, first: bool) -> None:
     # A value that does not vary stays where the first block put it.
     if not first and source.strides[0] == 0 and count == BLOCK:
@@ -53,11 +55,13 @@ def _load(s: Array, row: int, source: Array, component: int, start: int, count: 
         s[row + i] = source[start + count - 1, component]
 
 
-@formula
-def _load_directions(
+@inlined
+def load_directions(
     s: Array, row: int, source: Array, dense: Array, start: int, count: int, first: bool
 ) -> None:
-    if dense.size > 0 and count == BLOCK:
+    """Fill three rows with `count` directions from `start` on; `dense` is `source` in one piece, or empty."""
+    # The compiler makes vector loads only where it can rule out an index counted from the end.
+    if dense.size > 0 and count == BLOCK and start >= 0:
         for i in range(BLOCK):
             s[row + i] = dense[3 * (start + i)]
             s[row + BLOCK + i] = dense[3 * (start + i) + 1]
@@ -68,16 +72,14 @@ def _load_directions(
 
 
 @formula
-def load(s: Array, inputs: Any, dense: Any, start: int, count: int, first: bool) -> None:
-    """Fill the rows of directions and parameters with `count` configurations from `start` on."""
-    _load_directions(s, VX, inputs[IN_V], dense[0], start, count, first)
-    _load_directions(s, LX, inputs[IN_L], dense[1], start, count, first)
+def load_parameters(s: Array, inputs: Any, start: int, count: int, first: bool) -> None:
+    """Fill the rows of parameters with `count` configurations from `start` on; the first time, see what
+    varies.
+    """
     if first:
         s[VARIES] = 0.0
         for k in range(IN_ALPHA, IN_TABLE):
             s[VARIES] += 1.0 if inputs[k].strides[0] != 0 else 0.0
-    elif s[VARIES] == 0.0:
-        return
     for c in range(3):
         _load(s, A0 + c * BLOCK, inputs[IN_A], c, start, count, first)
         _load(s, B0 + c * BLOCK, inputs[IN_B], c, start, count, first)
@@ -104,23 +106,33 @@ def load(s: Array, inputs: Any, dense: Any, start: int, count: int, first: bool)
 
 
 @formula
-def count_not_unit(s: Array, row: int, count: int) -> int:
-    """How many of the directions in three rows do not have unit length."""
-    bad = 0
+def not_unit(x: float, y: float, z: float) -> int:
+    """1 for a direction that is not of unit length, or not a number; else 0."""
+    return 0 if abs(x * x + y * y + z * z - 1.0) <= UNIT_TOLERANCE else 1
+
+
+@inlined
+def store(s: Array, out: Array, row: int, start: int, count: int) -> None:
+    """Write one row to a flat output of one component."""
     for i in range(count):
-        x, y, z = s[row + i], s[row + BLOCK + i], s[row + 2 * BLOCK + i]
-        bad += 0 if abs(x * x + y * y + z * z - 1.0) <= UNIT_TOLERANCE else 1
-    return bad
+        out[start + i] = s[row + i]
 
 
-@formula
-def store(s: Array, out: Array, row: int, column: int, start: int, count: int) -> None:
-    """Write one row to one column of an output."""
-    for i in range(count):
-        out[start + i, column] = s[row + i]
+@inlined
+def store_colours(s: Array, out: Array, row: int, start: int, count: int) -> None:
+    """Write three rows to a flat output of three components."""
+    if count == BLOCK and start >= 0:
+        for i in range(BLOCK):
+            out[3 * (start + i)] = s[row + i]
+            out[3 * (start + i) + 1] = s[row + BLOCK + i]
+            out[3 * (start + i) + 2] = s[row + 2 * BLOCK + i]
+    else:
+        for i in range(count):
+            for c in range(3):
+                out[3 * (start + i) + c] = s[row + c * BLOCK + i]
 
 
-@formula
+@inlined
 def clear(s: Array, row: int) -> None:
     """Set one row to 0."""
     for i in range(BLOCK):

@@ -28,10 +28,13 @@ from .checks import (
     pair,
     scalar,
 )
-from .compiled import Array, run
+from .compiled import Array, Kernel, run
 from .energy import white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
 from .quadrature import quadrature_nodes
+
+#: Beyond it the squares of squares in Fresnel's equations leave float64's range.
+LARGEST_INDEX = 1e6
 
 
 class BsdfSample(NamedTuple):
@@ -144,13 +147,11 @@ class Lobe:
         return name, "vcavity" if self._masking == surface.VCAVITY else "smith"
 
     def _run(
-        self, kernel: object, v: Array, second: Array, components: Sequence[int], **changed: int
+        self, kernel: Kernel, v: Array, second: Array, components: Sequence[int], *tables: Array
     ) -> tuple[list[Array], int]:
-        modes = list(self._modes)
-        for name, value in changed.items():
-            modes[getattr(block, name)] = value
+        inputs = [v, second, *self._parameters]
         try:
-            return run(kernel, [v, second, *self._parameters], modes, components, [self._table])  # type: ignore[arg-type]
+            return run(kernel, inputs, self._modes, components, [self._table, *tables])
         except ValueError as error:
             shapes = f"v {v.shape}, l or u {second.shape}, parameters {self._shape}"
             raise ValueError(f"shapes do not broadcast: {shapes} ({error})") from None
@@ -197,13 +198,9 @@ class Lobe:
         if rejected:
             check_unit("v", view)
         light = np.ascontiguousarray(drawn[..., :3])
-        delta = drawn[..., 3] > 0.0
-        density = np.where(delta, drawn[..., 4], np.where(drawn[..., 4] > 0.0, self.pdf(view, light), 0.0))
-        value = self.eval(view, light) * np.abs(light[..., 2:])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            weight = np.where(density[..., np.newaxis] > 0.0, value / density[..., np.newaxis], 0.0)
-        weight = np.where(delta[..., np.newaxis], drawn[..., 5:], weight)
-        return BsdfSample(light, weight, density, delta)
+        value, density = self.eval(view, light), self.pdf(view, light)[..., np.newaxis]
+        (weight, chance), _ = run(kernels.WEIGH, [drawn, value, density], [], [3, 1])
+        return BsdfSample(light, weight, chance[..., 0], drawn[..., 3] > 0.0)
 
     def albedo(self, v: ArrayLike) -> Array:
         """Directional albedo as energy, reflected and transmitted together: shape (..., 3).
@@ -211,10 +208,7 @@ class Lobe:
         The average of F G2 / G1 over visible normals by quadrature. Forward and retro lobes have the same
         (001 eq. 18). A delta (index 1) is counted. `ValueError` as in `eval`."""
         view = directions("v", v)
-        nodes = quadrature_nodes()
-        modes = list(self._modes)
-        inputs = [view, np.zeros(3), *self._parameters]
-        (parts,), rejected = run(kernels.INTEGRATE, inputs, modes, [3], [self._table, nodes])
+        (parts,), rejected = self._run(kernels.INTEGRATE, view, np.zeros(3), [3], quadrature_nodes())
         if rejected:
             check_unit("v", view)
         return parts
@@ -299,7 +293,11 @@ class Conductor(Lobe):
         slope_correlation: ArrayLike = 0.0,
         mean_slope: ArrayLike = 0.0,
     ) -> None:
-        colours = (colour("ior", ior, 0.0, open_low=True), colour("extinction", extinction, 0.0), np.zeros(3))
+        colours = (
+            colour("ior", ior, 0.0, LARGEST_INDEX, open_low=True),
+            colour("extinction", extinction, 0.0, LARGEST_INDEX),
+            np.zeros(3),
+        )
         super().__init__(
             CONDUCTOR, colours, 5.0, 1.0, alpha, retroreflectivity, distribution, masking, correlation,
             energy_compensation, thinfilm_thickness, thinfilm_ior, "R", False, slope_correlation, mean_slope,
@@ -331,7 +329,7 @@ class Dielectric(Lobe):
         slope_correlation: ArrayLike = 0.0,
         mean_slope: ArrayLike = 0.0,
     ) -> None:
-        index = scalar("ior", ior, 0.0, open_low=True)
+        index = scalar("ior", ior, 0.0, LARGEST_INDEX, open_low=True)
         colours = (np.broadcast_to(index, (*index.shape[:-1], 3)), np.zeros(3), np.zeros(3))
         super().__init__(
             DIELECTRIC, colours, 5.0, tint, alpha, retroreflectivity, distribution, masking, correlation,

@@ -77,7 +77,7 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
         mean_x, mean_y = mean[i, 0], mean[i, 1]
         mx, my, mz = normal[i, 0], normal[i, 1], normal[i, 2]
         if question == _D:
-            out[i, 0] = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
+            out[i] = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
             continue
         if question == _SAMPLE:
             if masking == surface.VCAVITY:
@@ -88,23 +88,23 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
                 x, y, z = sample_visible_smith(
                     distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y, light[i, 0], light[i, 1]
                 )
-            out[i, 0], out[i, 1], out[i, 2] = x, y, z
+            out[3 * i], out[3 * i + 1], out[3 * i + 2] = x, y, z
             continue
         lambda_v = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y)
         if question == _LAMBDA:
-            out[i, 0] = lambda_v
+            out[i] = lambda_v
             continue
         vm = vx * mx + vy * my + vz * mz
         sine_v = math.sqrt(surface.stretched_sine_squared(vx, vy, ax, ay, rxy))
         g1_v = _masking(masking, lambda_v, vx, vy, vz, mz, vm, sine_v)
         if question == _G1:
-            out[i, 0] = g1_v
+            out[i] = g1_v
             continue
         if question == _PDF:
             # Eq. 16, over the mesosurface's cosine, which is the normal's where slopes are centred.
             cosine = vz - mean_x * vx - mean_y * vy
             d = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
-            out[i, 0] = g1_v * max(vm, 0.0) * d / cosine if cosine > 0.0 else 0.0
+            out[i] = g1_v * max(vm, 0.0) * d / cosine if cosine > 0.0 else 0.0
             continue
         lx, ly, lz = light[i, 0], light[i, 1], light[i, 2]
         across = lz < 0.0
@@ -113,31 +113,29 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
         lambda_l = _smith_lambda(distribution, turn * lx, turn * ly, turn * lz, ax, ay, rxy, mean_x, mean_y)
         sine_l = math.sqrt(surface.stretched_sine_squared(lx, ly, ax, ay, rxy))
         g1_l = _masking(masking, lambda_l, turn * lx, turn * ly, turn * lz, mz, lm, sine_l)
-        out[i, 0] = 0.0
+        out[i] = 0.0
         if g1_v == 0.0 or g1_l == 0.0:
             continue
         if masking == surface.VCAVITY:
-            out[i, 0] = max(0.0, g1_v + g1_l - 1.0) if across else min(g1_v, g1_l)
+            out[i] = max(0.0, g1_v + g1_l - 1.0) if across else min(g1_v, g1_l)
         elif masking != surface.SMITH:
-            out[i, 0] = g1_v * g1_l
+            out[i] = g1_v * g1_l
         elif across:
-            out[i, 0] = (
+            out[i] = (
                 surface.beta_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
                 if correlation == surface.HEIGHT or correlation == surface.HEIGHT_DIRECTION
                 else g1_v * g1_l
             )
         elif correlation == surface.HEIGHT:
-            out[i, 0] = surface.height_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
+            out[i] = surface.height_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
         elif correlation == surface.SEPARABLE:
-            out[i, 0] = g1_v * g1_l
+            out[i] = g1_v * g1_l
         else:
             decorrelation = surface.ginneken(vx, vy, lx, ly)
             if correlation == surface.DIRECTION:
-                out[i, 0] = surface.direction_visibility(
-                    1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation
-                )
+                out[i] = surface.direction_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation)
             else:
-                out[i, 0] = surface.height_direction_visibility(
+                out[i] = surface.height_direction_visibility(
                     1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation
                 )
     return 0

@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .compiled import Array, formula
+from .compiled import Array, contracted, formula
 
 DIELECTRIC = 0
 CONDUCTOR = 1
@@ -41,7 +41,7 @@ def dielectric_transmittance(near: float, near_index: float, far: float, far_ind
     return product * (1.0 / (perpendicular * perpendicular) + 1.0 / (parallel * parallel))
 
 
-@formula
+@contracted
 def conductor_reflectance(cosine: float, n: float, k: float) -> float:
     """Unpolarised reflectance of a conductor with index n + ik relative to the near medium.
 

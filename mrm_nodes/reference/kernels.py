@@ -29,8 +29,10 @@ from .block import (
     GZ,
     HH,
     HZ,
+    IN_L,
     IN_NODES,
     IN_TABLE,
+    IN_V,
     INDEX,
     KIND,
     LH,
@@ -44,6 +46,9 @@ from .block import (
     OG,
     OR,
     OUTER,
+    PB,
+    PG,
+    PR,
     REFLECT,
     RETRO,
     RETRO_SHARE,
@@ -53,20 +58,20 @@ from .block import (
     SIDE,
     SIZE,
     T0,
-    T1,
-    T2,
     TB,
     TG,
     TR,
     TRANSMIT,
+    VARIES,
     VH,
     VISIBLE,
     VX,
     D,
     clear,
-    count_not_unit,
-    load,
+    load_directions,
+    load_parameters,
     store,
+    store_colours,
 )
 from .compiled import Array, Kernel, formula
 from .fresnel import CONDUCTOR, DIELECTRIC
@@ -77,38 +82,32 @@ INPUTS = 14
 
 
 @formula
-def _prepare(s: Array, inputs: Any, dense: Any, modes: Any, start: int, count: int, first: bool) -> int:
-    """Load a block and work out what its lobes share; returns how many of v are not of unit length."""
-    load(s, inputs, dense, start, count, first)
-    passes.place(s, modes)
+def _prepare(s: Array, modes: Any, table: Array, lit: bool) -> int:
+    """What the lobes of a loaded block share; returns how many of its directions are not of unit length."""
+    rejected = passes.place(s, modes, lit)
     passes.indices(s, modes)
-    passes.white_albedo(s, modes, inputs[IN_TABLE])
-    return count_not_unit(s, VX, count)
+    passes.white_albedo(s, modes, table)
+    return rejected
 
 
 @formula
 def _reflect(s: Array, modes: Any, retro: bool) -> None:
     """Add one reflection lobe (eq. 1), times its share of the blend."""
-    passes.reflecting_normal(s)
-    passes.normals(s, modes)
+    passes.reflecting_normal(s, modes)
     passes.visibility(s, modes)
     passes.reflecting_cosine(s, modes)
     passes.fresnel(s, modes)
+    if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
+        passes.compensate(s, FR)
     for i in range(BLOCK):
         share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
-        lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0 and share > 0.0
+        lit = min(min(s[EZ + i], s[GZ + i]), share) > 0.0
         lobe = 0.25 * share * s[D + i] * s[VISIBLE + i]
+        red, green, blue = lobe * s[FR + i], lobe * s[FG + i], lobe * s[FB + i]
         # What does not reflect may not even have a half vector: nothing computed from it is kept.
-        s[TR + i] = lobe * s[FR + i] if lit else 0.0
-        s[TG + i] = lobe * s[FG + i] if lit else 0.0
-        s[TB + i] = lobe * s[FB + i] if lit else 0.0
-    scheme = modes[COMPENSATION]
-    if scheme == energy.MATERIALX_1_39_5:
-        passes.compensate(s)
-    for i in range(BLOCK):
-        s[OR + i] += s[TR + i]
-        s[OG + i] += s[TG + i]
-        s[OB + i] += s[TB + i]
+        s[OR + i] += red if lit else 0.0
+        s[OG + i] += green if lit else 0.0
+        s[OB + i] += blue if lit else 0.0
 
 
 @formula
@@ -117,19 +116,11 @@ def _finish_reflection(s: Array, modes: Any, table: Array) -> None:
     scheme = modes[COMPENSATION]
     if scheme == energy.MATERIALX_1_39_6 or scheme == energy.TURQUIN:
         passes.typical_reflectance(s, modes)
-        for i in range(BLOCK):
-            s[TR + i] = s[OR + i]
-            s[TG + i] = s[OG + i]
-            s[TB + i] = s[OB + i]
-        passes.compensate(s)
-        for i in range(BLOCK):
-            s[OR + i] = s[TR + i]
-            s[OG + i] = s[TG + i]
-            s[OB + i] = s[TB + i]
+        passes.compensate(s, OR)
     elif scheme == energy.KULLA_CONTY:
         passes.multiple_reflectance(s, modes, table)
         for i in range(BLOCK):
-            lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0
+            lit = min(s[EZ + i], s[GZ + i]) > 0.0
             other = energy.table_lookup(s[GZ + i], math.sqrt(s[AX + i] * s[AY + i]), table)
             lost = (1.0 - s[ALBEDO + i]) * (1.0 - other) / math.pi if lit else 0.0
             s[OR + i] += lost * s[TR + i]
@@ -150,20 +141,22 @@ def _refract(s: Array, modes: Any, retro: bool) -> None:
         near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
         # (ηv v.h + ηl l.h)² is the squared length of the vector that h was normalised from.
         lobe = share * s[D + i] * s[VISIBLE + i] * s[VH + i] * s[LH + i] * near * near / s[HH + i]
-        lit = _refracts(s, i) and share > 0.0
-        s[OR + i] += lobe * s[FR + i] if lit else 0.0
-        s[OG + i] += lobe * s[FG + i] if lit else 0.0
-        s[OB + i] += lobe * s[FB + i] if lit else 0.0
+        red, green, blue = lobe * s[FR + i], lobe * s[FG + i], lobe * s[FB + i]
+        lit = min(_refracts(s, i), share) > 0.0
+        s[OR + i] += red if lit else 0.0
+        s[OG + i] += green if lit else 0.0
+        s[OB + i] += blue if lit else 0.0
 
 
 @formula
-def _refracts(s: Array, i: int) -> bool:
-    """Whether l is across, both directions face the normal, and the index is not 1, where refraction is a
-    delta.
+def _refracts(s: Array, i: int) -> float:
+    """Above 0 where l is across, both directions face the normal, and the index is not 1, where refraction
+    is a delta.
     """
-    facing: bool = s[VH + i] > 0.0 and s[LH + i] > 0.0 and s[HZ + i] > 0.0
-    across: bool = s[EZ + i] > 0.0 and s[GZ + i] < 0.0 and s[INDEX + i] != 1.0
-    return facing and across
+    facing = min(min(s[VH + i], s[LH + i]), s[HZ + i])
+    across = min(s[EZ + i], -s[GZ + i])
+    all_of: float = min(min(facing, across), abs(s[INDEX + i] - 1.0))
+    return all_of
 
 
 @formula
@@ -174,42 +167,54 @@ def _any_across(s: Array) -> bool:
     return found > 0.0
 
 
+@formula
+def _evaluate_block(s: Array, modes: Any, table: Array) -> None:
+    """f(v, l) of the whole lobe into the result's rows."""
+    for i in range(3 * BLOCK):
+        s[OR + i] = 0.0
+    if modes[MASKING] != surface.VCAVITY:
+        passes.areas(s, modes)
+    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
+    if modes[SCATTER] != TRANSMIT:
+        for lobe in range(2):
+            if (lobe == 1 and not retro) or (lobe == 0 and not forward):
+                continue
+            if lobe == 1:
+                passes.turn(s)
+            _reflect(s, modes, lobe == 1)
+            if lobe == 1:
+                passes.turn(s)
+        _finish_reflection(s, modes, table)
+    if modes[SCATTER] != REFLECT and _any_across(s):
+        turned = modes[RETRO_TRANSMISSION] != 0
+        for lobe in range(2):
+            if (lobe == 1 and not (turned and retro)) or (lobe == 0 and turned and not forward):
+                continue
+            if lobe == 1:
+                passes.turn(s)
+            _refract(s, modes, lobe == 1)
+    if modes[KIND] == DIELECTRIC:
+        for i in range(3 * BLOCK):
+            s[OR + i] *= s[T0 + i]
+
+
 def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """f(v, l) of the whole lobe into `outputs[0]`; returns how many directions were not of unit length."""
     s = np.empty(SIZE)
-    out = outputs[0]
+    # Taken out of their tuples once: each time costs a count of references.
+    v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
+    table, out = inputs[IN_TABLE], outputs[0]
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
-        rejected += count_not_unit(s, LX, count)
-        for c in range(3):
-            clear(s, OR + c * BLOCK)
-        if modes[MASKING] != surface.VCAVITY:
-            passes.areas(s, modes)
-        forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
-        if modes[SCATTER] != TRANSMIT:
-            for lobe in range(2):
-                if lobe == 1:
-                    passes.turn(s)
-                if (retro and lobe == 1) or (forward and lobe == 0):
-                    _reflect(s, modes, lobe == 1)
-            passes.turn(s)
-            _finish_reflection(s, modes, inputs[IN_TABLE])
-        if modes[SCATTER] != REFLECT and _any_across(s):
-            turned = modes[RETRO_TRANSMISSION] != 0
-            for lobe in range(2):
-                if lobe == 1:
-                    passes.turn(s)
-                if (turned and retro and lobe == 1) or ((forward or not turned) and lobe == 0):
-                    _refract(s, modes, lobe == 1)
-        if modes[KIND] == DIELECTRIC:
-            for i in range(3 * BLOCK):
-                s[OR + i] *= s[T0 + i]
-        for i in range(count):
-            out[begin + i, 0] = s[OR + i]
-            out[begin + i, 1] = s[OG + i]
-            out[begin + i, 2] = s[OB + i]
+        first = begin == start
+        load_directions(s, VX, v, dense_v, begin, count, first)
+        load_directions(s, LX, l, dense_l, begin, count, first)
+        if first or s[VARIES] > 0.0:
+            load_parameters(s, inputs, begin, count, first)
+        rejected += _prepare(s, modes, table, True)
+        _evaluate_block(s, modes, table)
+        store_colours(s, out, OR, begin, count)
     return rejected
 
 
@@ -219,8 +224,7 @@ EVALUATE = Kernel(evaluate, INPUTS, 1)
 @formula
 def _reflection_density(s: Array, modes: Any, retro: bool) -> None:
     """Add the density of l where a visible normal reflects v (Section 4, with the Jacobian of eq. 4)."""
-    passes.reflecting_normal(s)
-    passes.normals(s, modes)
+    passes.reflecting_normal(s, modes)
     passes.visible_density(s, modes)
     both = modes[SCATTER] == BOTH
     if both:
@@ -228,7 +232,7 @@ def _reflection_density(s: Array, modes: Any, retro: bool) -> None:
         passes.fresnel(s, modes)
     for i in range(BLOCK):
         share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
-        lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0 and share > 0.0
+        lit = min(min(s[EZ + i], s[GZ + i]), share) > 0.0
         chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if both else 1.0
         density = 0.25 * share * chance * s[VISIBLE + i]
         s[OR + i] += density if lit else 0.0
@@ -249,42 +253,57 @@ def _refraction_density(s: Array, modes: Any, retro: bool) -> None:
         far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
         chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if both else 1.0
         density = share * chance * s[VISIBLE + i] * s[VH + i] * s[LH + i] * far * far / s[HH + i]
-        s[OR + i] += density if _refracts(s, i) and share > 0.0 else 0.0
+        s[OR + i] += density if min(_refracts(s, i), share) > 0.0 else 0.0
+
+
+@formula
+def _density_block(s: Array, modes: Any) -> None:
+    """The density of `draw` into the result's first row."""
+    clear(s, OR)
+    if modes[MASKING] != surface.VCAVITY:
+        passes.areas(s, modes)
+    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
+    if modes[SCATTER] != TRANSMIT:
+        for lobe in range(2):
+            if (lobe == 1 and not retro) or (lobe == 0 and not forward):
+                continue
+            if lobe == 1:
+                passes.turn(s)
+            _reflection_density(s, modes, lobe == 1)
+            if lobe == 1:
+                passes.turn(s)
+    if modes[SCATTER] != REFLECT and _any_across(s):
+        turned = modes[RETRO_TRANSMISSION] != 0
+        for lobe in range(2):
+            if (lobe == 1 and not (turned and retro)) or (lobe == 0 and turned and not forward):
+                continue
+            if lobe == 1:
+                passes.turn(s)
+            _refraction_density(s, modes, lobe == 1)
+    if modes[COMPENSATION] == energy.KULLA_CONTY and modes[SCATTER] != TRANSMIT:
+        for i in range(BLOCK):
+            lost = 1.0 - s[ALBEDO + i]
+            lit = min(s[EZ + i], s[GZ + i]) > 0.0
+            diffuse = lost * s[GZ + i] / math.pi
+            s[OR + i] = (1.0 - lost) * s[OR + i] + (diffuse if lit else 0.0)
 
 
 def density(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """The density per steradian of what `draw` draws, into `outputs[0]`; returns as `evaluate` does."""
     s = np.empty(SIZE)
+    v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
+    table, out = inputs[IN_TABLE], outputs[0]
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
-        rejected += count_not_unit(s, LX, count)
-        clear(s, OR)
-        if modes[MASKING] != surface.VCAVITY:
-            passes.areas(s, modes)
-        forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
-        if modes[SCATTER] != TRANSMIT:
-            for lobe in range(2):
-                if lobe == 1:
-                    passes.turn(s)
-                if (retro and lobe == 1) or (forward and lobe == 0):
-                    _reflection_density(s, modes, lobe == 1)
-            passes.turn(s)
-        if modes[SCATTER] != REFLECT and _any_across(s):
-            turned = modes[RETRO_TRANSMISSION] != 0
-            for lobe in range(2):
-                if lobe == 1:
-                    passes.turn(s)
-                if (turned and retro and lobe == 1) or ((forward or not turned) and lobe == 0):
-                    _refraction_density(s, modes, lobe == 1)
-        if modes[COMPENSATION] == energy.KULLA_CONTY and modes[SCATTER] != TRANSMIT:
-            for i in range(BLOCK):
-                lost = 1.0 - s[ALBEDO + i]
-                lit = s[EZ + i] > 0.0 and s[GZ + i] > 0.0
-                diffuse = lost * s[GZ + i] / math.pi
-                s[OR + i] = (1.0 - lost) * s[OR + i] + (diffuse if lit else 0.0)
-        store(s, outputs[0], OR, 0, begin, count)
+        first = begin == start
+        load_directions(s, VX, v, dense_v, begin, count, first)
+        load_directions(s, LX, l, dense_l, begin, count, first)
+        if first or s[VARIES] > 0.0:
+            load_parameters(s, inputs, begin, count, first)
+        rejected += _prepare(s, modes, table, True)
+        _density_block(s, modes)
+        store(s, out, OR, begin, count)
     return rejected
 
 
@@ -294,16 +313,42 @@ DENSITY = Kernel(density, INPUTS, 1)
 def draw(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """Directions for the uniforms in `inputs[IN_L]`: the columns of `draw_one`."""
     s = np.empty(SIZE)
+    v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
+    table, out = inputs[IN_TABLE], outputs[0]
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
+        first = begin == start
+        load_directions(s, VX, v, dense_v, begin, count, first)
+        load_directions(s, LX, l, dense_l, begin, count, first)
+        if first or s[VARIES] > 0.0:
+            load_parameters(s, inputs, begin, count, first)
+        rejected += _prepare(s, modes, table, False)
         for i in range(count):
-            draw_one(s, i, modes, s[LX + i], s[LY + i], s[LZ + i], outputs[0], begin + i)
+            draw_one(s, i, modes, s[LX + i], s[LY + i], s[LZ + i], out, 8 * (begin + i))
     return rejected
 
 
 DRAW = Kernel(draw, INPUTS, 1)
+
+
+def weigh(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
+    """Weights f |l.n| / pdf and densities of what `draw` drew (its columns, f, pdf); of a delta, what it
+    says itself.
+    """
+    drawn, value, densities = inputs[0], inputs[1], inputs[2]
+    weight, density = outputs[0], outputs[1]
+    for i in range(start, stop):
+        delta = drawn[i, 3] > 0.0
+        kept = drawn[i, 4] if delta else (densities[i, 0] if drawn[i, 4] > 0.0 else 0.0)
+        density[i] = kept
+        scale = abs(drawn[i, 2]) / kept if kept > 0.0 else 0.0
+        for c in range(3):
+            weight[3 * i + c] = drawn[i, 5 + c] if delta else scale * value[i, c]
+    return 0
+
+
+WEIGH = Kernel(weigh, 3, 2)
 
 
 @formula
@@ -373,16 +418,19 @@ def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, output
     quadrature.
     """
     s = np.empty(SIZE)
-    out = outputs[0]
+    v, table, nodes, dense_v, out = inputs[IN_V], inputs[IN_TABLE], inputs[IN_NODES], dense[0], outputs[0]
     rejected = 0
-    table = inputs[IN_TABLE]
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        rejected += _prepare(s, inputs, dense, modes, begin, count, begin == start)
+        first = begin == start
+        load_directions(s, VX, v, dense_v, begin, count, first)
+        if first or s[VARIES] > 0.0:
+            load_parameters(s, inputs, begin, count, first)
+        rejected += _prepare(s, modes, table, False)
         for i in range(count):
-            parts = _integrate_one(s, i, modes, inputs[IN_NODES])
+            parts = _integrate_one(s, i, modes, nodes)
             s[OR + i], s[OG + i], s[OB + i] = parts[0], parts[1], parts[2]
-            out[begin + i, 0], out[begin + i, 1], out[begin + i, 2] = parts[3], parts[4], parts[5]
+            s[PR + i], s[PG + i], s[PB + i] = parts[3], parts[4], parts[5]
         if modes[SCATTER] != TRANSMIT:
             # The term of Kulla and Conty reflects into every direction what it takes from v.
             for i in range(BLOCK):
@@ -398,10 +446,9 @@ def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, output
                     s[OB + i] += lost * s[TB + i]
             else:
                 _finish_reflection(s, modes, table)
-        for i in range(count):
-            out[begin + i, 0] = (out[begin + i, 0] + s[OR + i]) * s[T0 + i]
-            out[begin + i, 1] = (out[begin + i, 1] + s[OG + i]) * s[T1 + i]
-            out[begin + i, 2] = (out[begin + i, 2] + s[OB + i]) * s[T2 + i]
+        for i in range(3 * BLOCK):
+            s[OR + i] = (s[OR + i] + s[PR + i]) * s[T0 + i]
+        store_colours(s, out, OR, begin, count)
     return rejected
 
 
@@ -413,9 +460,13 @@ def reflectance(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outp
     mode.
     """
     s = np.empty(SIZE)
+    cosines, dense_l, out = inputs[IN_L], dense[1], outputs[0]
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
-        load(s, inputs, dense, begin, count, begin == start)
+        first = begin == start
+        load_directions(s, LX, cosines, dense_l, begin, count, first)
+        if first or s[VARIES] > 0.0:
+            load_parameters(s, inputs, begin, count, first)
         passes.indices(s, modes)
         if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
             passes.typical_reflectance(s, modes)
@@ -423,8 +474,7 @@ def reflectance(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outp
             for i in range(BLOCK):
                 s[OUTER + i] = s[LX + i]
             passes.fresnel(s, modes)
-        for c in range(3):
-            store(s, outputs[0], FR + c * BLOCK, c, begin, count)
+        store_colours(s, out, FR, begin, count)
     return 0
 
 

@@ -12,6 +12,7 @@ written once, for the standard configuration."""
 import math
 
 from .compiled import formula
+from .elementary import exponential, gaussian_excess
 
 GGX = 0
 BECKMANN = 1
@@ -93,7 +94,7 @@ def beckmann_normals(
     determinant = ax * ay * math.sqrt(1.0 - correlation * correlation)
     z2 = z * z
     ratio = squared_length / z2
-    return ratio * ratio / (math.pi * determinant) * math.exp(-norm / z2)
+    return ratio * ratio / (math.pi * determinant) * exponential(-norm / z2)
 
 
 @formula
@@ -123,9 +124,11 @@ def ggx_projected_area(cosine: float, sine_squared: float) -> float:
 
 @formula
 def beckmann_projected_area(cosine: float, sine: float) -> float:
-    """cos θ (1 + Λ) of Beckmann (eqs. 41 and 83), with a = cos θ / sine."""
-    a = cosine / max(sine, 1e-300)
-    return 0.5 * cosine * math.erfc(-a) + sine / (2.0 * SQRT_PI) * math.exp(-a * a)
+    """cos θ (1 + Λ) of Beckmann (eqs. 41 and 83): cos θ (1 + erf a) / 2 + sine e^(-a²) / (2 sqrt π), a = cos
+    θ / sine >= 0.
+    """
+    a = max(cosine, 0.0) / max(sine, 1e-300)
+    return cosine + sine * gaussian_excess(a)
 
 
 @formula

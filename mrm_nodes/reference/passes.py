@@ -71,8 +71,9 @@ from .block import (
     VY,
     VZ,
     D,
+    not_unit,
 )
-from .compiled import Array, formula
+from .compiled import Array, formula, inlined
 from .energy_formulas import compensation, rational_albedo
 from .fresnel import (
     CONDUCTOR,
@@ -89,21 +90,29 @@ from .thinfilm import film_reflectance
 
 
 @formula
-def place(s: Array, modes: Any) -> None:
-    """Both directions as seen from v's side.
+def place(s: Array, modes: Any, lit: bool) -> int:
+    """v, and if `lit` l, as seen from v's side; returns how many of them are not of unit length.
 
     Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their
     distribution. A conductor has no inside: v stays below the surface, where nothing is lit."""
-    opaque = modes[KIND] == CONDUCTOR
+    inside = 1.0 if modes[KIND] == CONDUCTOR else -1.0
+    rejected = 0
     for i in range(BLOCK):
-        side = 1.0 if s[VZ + i] >= 0.0 or opaque else -1.0
+        x, y, z = s[VX + i], s[VY + i], s[VZ + i]
+        rejected += not_unit(x, y, z)
+        side = 1.0 if z >= 0.0 else inside
         s[SIDE + i] = side
-        s[EX + i] = side * s[VX + i]
-        s[EY + i] = side * s[VY + i]
-        s[EZ + i] = side * s[VZ + i]
-        s[GX + i] = side * s[LX + i]
-        s[GY + i] = side * s[LY + i]
-        s[GZ + i] = side * s[LZ + i]
+        s[EX + i] = side * x
+        s[EY + i] = side * y
+        s[EZ + i] = side * z
+    if lit:
+        for i in range(BLOCK):
+            x, y, z = s[LX + i], s[LY + i], s[LZ + i]
+            rejected += not_unit(x, y, z)
+            s[GX + i] = s[SIDE + i] * x
+            s[GY + i] = s[SIDE + i] * y
+            s[GZ + i] = s[SIDE + i] * z
+    return rejected
 
 
 @formula
@@ -115,8 +124,9 @@ def turn(s: Array) -> None:
 
 
 @formula
-def reflecting_normal(s: Array) -> None:
-    """h_r of v and l; the back vector where v is v' (001 eq. 3)."""
+def reflecting_normal(s: Array, modes: Any) -> None:
+    """h_r of v and l, the back vector where v is v' (001 eq. 3), its cosine with either, and D of it."""
+    plain = modes[DISTRIBUTION] == surface.GGX and modes[SKEWED] == 0
     for i in range(BLOCK):
         x = s[EX + i] + s[GX + i]
         y = s[EY + i] + s[GY + i]
@@ -128,6 +138,10 @@ def reflecting_normal(s: Array) -> None:
         s[HH + i] = hh
         # Half the length of v + l is the cosine with either.
         s[VH + i] = 0.5 * math.sqrt(hh)
+        if plain:
+            s[D + i] = surface.ggx_normals(x, y, z, hh, s[AX + i], s[AY + i])
+    if not plain:
+        normals(s, modes)
 
 
 @formula
@@ -225,8 +239,8 @@ def _skewed_sines(s: Array) -> None:
 def _off_the_normal(s: Array) -> None:
     """The lit area is the mesosurface's; the caller's cosine is the geometric surface's (Section 5.5)."""
     for i in range(BLOCK):
-        lit = s[CV + i] > 0.0 and s[CL + i] > 0.0
-        s[VISIBLE + i] = s[VISIBLE + i] * s[CL + i] / abs(s[GZ + i]) if lit else 0.0
+        visible = s[VISIBLE + i] * s[CL + i] / abs(s[GZ + i])
+        s[VISIBLE + i] = visible if min(s[CV + i], s[CL + i]) > 0.0 else 0.0
 
 
 @formula
@@ -305,16 +319,17 @@ def visible_density(s: Array, modes: Any) -> None:
             s[VISIBLE + i] = s[D + i] * surface.vcavity_masking(hz, s[EZ + i], s[VH + i]) / s[EZ + i]
     else:
         for i in range(BLOCK):
-            s[VISIBLE + i] = s[D + i] / s[AREA_V + i] if s[CV + i] > 0.0 else 0.0
+            visible = s[D + i] / s[AREA_V + i]
+            s[VISIBLE + i] = visible if s[CV + i] > 0.0 else 0.0
 
 
 @formula
 def indices(s: Array, modes: Any) -> None:
-    """The index of refraction of the inside."""
+    """The index of refraction of the inside; a conductor has none."""
     if modes[KIND] == SCHLICK:
         for i in range(BLOCK):
             s[INDEX + i] = index_from_f0((s[A0 + i] + s[A1 + i] + s[A2 + i]) / 3.0)
-    else:
+    elif modes[KIND] == DIELECTRIC:
         for i in range(BLOCK):
             s[INDEX + i] = s[A0 + i]
 
@@ -359,9 +374,7 @@ def fresnel(s: Array, modes: Any) -> None:
     elif kind == CONDUCTOR:
         for i in range(BLOCK):
             s[FR + i] = conductor_reflectance(s[OUTER + i], s[A0 + i], s[B0 + i])
-        for i in range(BLOCK):
             s[FG + i] = conductor_reflectance(s[OUTER + i], s[A1 + i], s[B1 + i])
-        for i in range(BLOCK):
             s[FB + i] = conductor_reflectance(s[OUTER + i], s[A2 + i], s[B2 + i])
     else:
         if modes[FIFTH] != 0:
@@ -438,13 +451,13 @@ def typical_reflectance(s: Array, modes: Any) -> None:
             s[FB + i] += ((s[C2 + i] if bare else 1.0) - s[FB + i]) / 21.0
 
 
-@formula
-def compensate(s: Array) -> None:
-    """Multiply the lobe by 1 + F (1 - E) / E."""
+@inlined
+def compensate(s: Array, row: int) -> None:
+    """Multiply three rows of colours by 1 + F (1 - E) / E."""
     for i in range(BLOCK):
-        s[TR + i] *= compensation(s[FR + i], s[ALBEDO + i])
-        s[TG + i] *= compensation(s[FG + i], s[ALBEDO + i])
-        s[TB + i] *= compensation(s[FB + i], s[ALBEDO + i])
+        s[row + i] *= compensation(s[FR + i], s[ALBEDO + i])
+        s[row + BLOCK + i] *= compensation(s[FG + i], s[ALBEDO + i])
+        s[row + 2 * BLOCK + i] *= compensation(s[FB + i], s[ALBEDO + i])
 
 
 @formula

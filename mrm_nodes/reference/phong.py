@@ -92,6 +92,8 @@ class Phong(Distribution):
         """∫ <-w, m> D(m) dm / (w.n): facets turned away, whose area is Λ of what is seen (eqs. 41 and 43)."""
         t, weight = np.polynomial.legendre.leggauss(RADII)
         t, weight = 0.5 * (t + 1.0), 0.5 * weight
+        # The steepest facets that still face a grazing w lie where a root starts: smaller steps there too.
+        t, weight = t * (2.0 - t), 2.0 * (1.0 - t) * weight
         # Half the circle, the azimuths opposite to w, with steps that shrink where a grazing w sees the last
         # facets.
         s, step = np.polynomial.legendre.leggauss(AZIMUTHS)

@@ -161,11 +161,11 @@ def draw_one(s: Array, i: int, modes: Any, u0: float, u1: float, u2: float, out:
 
     The sample for v' is that for v turned about the normal: a visible normal of v' is (-mx, -my, mz) with
     the same Fresnel term, G and density. A rejected sample leaves l = n and weight 0."""
-    out[row, 0] = 0.0
-    out[row, 1] = 0.0
-    out[row, 2] = 1.0
+    out[row] = 0.0
+    out[row + 1] = 0.0
+    out[row + 2] = 1.0
     for c in range(3, 8):
-        out[row, c] = 0.0
+        out[row + c] = 0.0
     side = 1.0 if s[VZ + i] >= 0.0 else -1.0
     ex, ey, ez = side * s[VX + i], side * s[VY + i], side * s[VZ + i]
     kind = modes[KIND]
@@ -180,10 +180,10 @@ def draw_one(s: Array, i: int, modes: Any, u0: float, u1: float, u2: float, out:
         if u2 < lost:
             # The term that gives back lost energy is nearly diffuse.
             radius, phi = math.sqrt(u0), 2.0 * math.pi * u1
-            out[row, 0] = radius * math.cos(phi)
-            out[row, 1] = radius * math.sin(phi)
-            out[row, 2] = side * math.sqrt(1.0 - u0)
-            out[row, 4] = 1.0
+            out[row] = radius * math.cos(phi)
+            out[row + 1] = radius * math.sin(phi)
+            out[row + 2] = side * math.sqrt(1.0 - u0)
+            out[row + 4] = 1.0
             return
         u2 = (u2 - lost) / (1.0 - lost)
         mixture = 1.0 - lost
@@ -227,11 +227,11 @@ def draw_one(s: Array, i: int, modes: Any, u0: float, u1: float, u2: float, out:
             weight = shadowing_ratio(s, i, modes, ex, ey, ez, x, y, z, mz, cosine, cosine) / (
                 chance * mixture
             )
-            out[row, 3] = 1.0
-            out[row, 4] = chance * share * mixture
-            out[row, 5] = weight * (1.0 - red) * s[T0 + i]
-            out[row, 6] = weight * (1.0 - green) * s[T1 + i]
-            out[row, 7] = weight * (1.0 - blue) * s[T2 + i]
+            out[row + 3] = 1.0
+            out[row + 4] = chance * share * mixture
+            out[row + 5] = weight * (1.0 - red) * s[T0 + i]
+            out[row + 6] = weight * (1.0 - green) * s[T1 + i]
+            out[row + 7] = weight * (1.0 - blue) * s[T2 + i]
     else:
         x, y, z = 2.0 * cosine * mx - ex, 2.0 * cosine * my - ey, 2.0 * cosine * mz - ez
         if z <= 0.0:
@@ -239,11 +239,11 @@ def draw_one(s: Array, i: int, modes: Any, u0: float, u1: float, u2: float, out:
     # Rounding grows with 1 / cosine; directions leave here of unit length.
     length = math.sqrt(x * x + y * y + z * z)
     turn = -side if turned else side
-    out[row, 0] = turn * x / length
-    out[row, 1] = turn * y / length
-    out[row, 2] = side * z / length
-    if out[row, 3] == 0.0:
-        out[row, 4] = 1.0
+    out[row] = turn * x / length
+    out[row + 1] = turn * y / length
+    out[row + 2] = side * z / length
+    if out[row + 3] == 0.0:
+        out[row + 4] = 1.0
 
 
 @formula

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,13 @@ FAILED = 1
 """Exit status where a comparison failed or ended in an error."""
 
 STDOUT = Path("-")
+
+
+def parse_limit(context: object, parameter: object, value: float) -> float:
+    """Seconds, which click lets be NaN."""
+    if math.isnan(value):
+        raise MrmError("--time-limit nan: write the seconds that a case may take")
+    return value
 
 
 def parse_shard(context: object, parameter: object, text: str | None) -> tuple[int, int]:
@@ -85,7 +93,8 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option(
     "--time-limit",
-    type=click.FloatRange(0, min_open=True),
+    type=click.FloatRange(0, 1e9, min_open=True),
+    callback=parse_limit,
     default=600.0,
     show_default=True,
     metavar="SECONDS",

@@ -1,23 +1,23 @@
 """Results by what they depend on, so that a case whose inputs did not change is not rendered again.
 
-An entry is one zip file, which brings its checksums along: the outcome, and the case's files.
+An entry is a folder: the outcome, a line with its checksum as the journal has it, and the case's files. They are
+hard links to the report's where the file system allows it, so that neither keeping nor giving them copies anything.
 """
 
 from __future__ import annotations
 
 import contextlib
-import json
 import os
+import shutil
 import tempfile
 import warnings
-import zipfile
 from pathlib import Path
 
 import platformdirs
 
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression.journal import Sums, checksum
-from mrm_nodes.regression.outcome import Outcome, as_record, from_record
+from mrm_nodes.regression.journal import Entry, Sums, checksum, entry_of, line_of
+from mrm_nodes.regression.outcome import Outcome
 
 LIMIT = 4 << 30
 """Bytes that a cache may take; the entries that were used longest ago go first."""
@@ -25,7 +25,7 @@ LIMIT = 4 << 30
 CACHED = ("pass", "fail", "undecided")
 """Verdicts that are worth keeping: an error may have had its cause in the machine."""
 
-_OUTCOME = "outcome.json"
+_OUTCOME = "outcome"
 
 
 def default_folder() -> Path:
@@ -44,58 +44,53 @@ class Cache:
     def __init__(self, folder: Path, limit: int = LIMIT) -> None:
         self._folder, self._limit = folder, limit
         self._works = True
+        self._added = False
 
     def get(self, key: str, folder: Path) -> tuple[Outcome, Sums] | None:
-        """Write a result's files below a folder and return its outcome and their checksums; None if there is none.
+        """Put a result's files below a folder and return its outcome and their checksums; None if there is none.
 
         Warns (MrmWarning) of an entry that is damaged, and removes it.
 
         Raises:
             OSError: the files cannot be written.
         """
-        path = self._path(key)
+        place = self._place(key)
         try:
-            with zipfile.ZipFile(path) as entry:
-                contents = {name: entry.read(name) for name in entry.namelist()}
-            outcome = from_record(json.loads(contents.pop(_OUTCOME)))
-            os.utime(path)
-        except FileNotFoundError:
+            line = (place / _OUTCOME).read_bytes()
+        except OSError:  # there is none, or none that can be read
             return None
-        except Exception as error:  # zipfile raises many types for damaged files
+        entry = entry_of(line.rstrip(b"\n"))
+        if entry is None or not _is_intact(place, entry.sums):
             warnings.warn(
-                f"{path}: the cached result is damaged ({error}); the case is run again",
-                MrmWarning,
-                stacklevel=2,
+                f"{place}: the cached result is damaged; the case is run again", MrmWarning, stacklevel=2
             )
-            with contextlib.suppress(OSError):
-                path.unlink()
+            shutil.rmtree(place, ignore_errors=True)
             return None
-        sums = {}
-        for name, data in contents.items():
-            target = folder / name
-            target.parent.mkdir(parents=True, exist_ok=True)
-            _write(target, data)
-            sums[name] = checksum(data)
-        return outcome, sums
+        with contextlib.suppress(OSError):
+            os.utime(place / _OUTCOME)
+        for number, name in enumerate(entry.sums):
+            _link(f"{place}/{number}", f"{folder}/{name}")
+        return entry.outcome, entry.sums
 
-    def put(self, key: str, outcome: Outcome, folder: Path, names: Sums) -> None:
+    def put(self, key: str, outcome: Outcome, folder: Path, sums: Sums) -> None:
         """Keep an outcome and its files, which lie below a folder. Warns (MrmWarning) once where that fails."""
         if outcome.verdict not in CACHED or not self._works:
             return
-        path = self._path(key)
+        place = self._place(key)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".", delete=False) as file:
-                try:
-                    with zipfile.ZipFile(file, "w") as entry:
-                        entry.writestr(_OUTCOME, json.dumps(as_record(outcome)))
-                        for name in names:
-                            entry.write(folder / name, name)
-                    file.close()
-                    Path(file.name).replace(path)
-                except BaseException:
-                    Path(file.name).unlink(missing_ok=True)
-                    raise
+            place.parent.mkdir(parents=True, exist_ok=True)
+            unfinished = Path(tempfile.mkdtemp(dir=place.parent, prefix="."))
+            try:
+                for number, name in enumerate(sums):
+                    _link(f"{folder}/{name}", f"{unfinished}/{number}")
+                (unfinished / _OUTCOME).write_text(line_of(Entry(outcome, sums)))
+                # An earlier entry was not good enough to be used.
+                shutil.rmtree(place, ignore_errors=True)
+                with contextlib.suppress(FileExistsError):  # another run was quicker
+                    unfinished.rename(place)
+            finally:
+                shutil.rmtree(unfinished, ignore_errors=True)
+            self._added = True
         except OSError as error:
             self._works = False
             warnings.warn(
@@ -104,25 +99,48 @@ class Cache:
 
     def prune(self) -> None:
         """Remove the entries that were used longest ago until the rest takes no more than the limit."""
+        if not self._added:
+            return
         with contextlib.suppress(OSError):
-            found = [(file, file.stat()) for file in self._folder.glob("??/*.zip")]
-            size = sum(stat.st_size for _, stat in found)
-            for file, stat in sorted(found, key=lambda each: each[1].st_mtime_ns):
+            found = [
+                (
+                    (place / _OUTCOME).stat().st_mtime_ns,
+                    sum(file.stat().st_size for file in place.iterdir()),
+                    place,
+                )
+                for place in self._folder.glob("??/[!.]*")
+            ]
+            size = sum(each for _, each, _ in found)
+            for _, each, place in sorted(found):
                 if size <= self._limit:
                     return
-                file.unlink(missing_ok=True)
-                size -= stat.st_size
+                shutil.rmtree(place, ignore_errors=True)
+                size -= each
 
-    def _path(self, key: str) -> Path:
-        return self._folder / key[:2] / f"{key}.zip"
+    def _place(self, key: str) -> Path:
+        return self._folder / key[:2] / key
 
 
-def _write(path: Path, contents: bytes) -> None:
-    """Write a file that appears complete or not at all."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+def _is_intact(place: Path, sums: Sums) -> bool:
     try:
-        temporary.write_bytes(contents)
-        temporary.replace(path)
+        for number, expected in enumerate(sums.values()):
+            with open(f"{place}/{number}", "rb", buffering=0) as file:  # noqa: PTH123  a third of the time
+                if checksum(file.read()) != expected:
+                    return False
     except OSError:
-        temporary.unlink(missing_ok=True)
-        raise
+        return False
+    return True
+
+
+def _link(source: str, target: str) -> None:
+    """Put a file in place of whatever is there, as a link or, on another file system, as a copy."""
+    try:
+        os.link(source, target)
+    except FileExistsError:
+        os.unlink(target)  # noqa: PTH108
+        _link(source, target)
+    except FileNotFoundError:
+        os.makedirs(os.path.dirname(target))  # noqa: PTH103, PTH120
+        _link(source, target)
+    except OSError:
+        shutil.copyfile(source, target)

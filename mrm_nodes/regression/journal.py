@@ -67,7 +67,7 @@ class Journal:
 
     def __init__(self, folder: Path, header: Mapping[str, Any], entries: Sequence[Entry]) -> None:
         self._path = folder / NAME
-        lines = [_line({**header, "format": FORMAT}), *(_entry(each.outcome, each.sums) for each in entries)]
+        lines = [_line({**header, "format": FORMAT}), *(line_of(each) for each in entries)]
         # Written anew, so that a torn last line is gone before the next one is added.
         write_text(self._path, "".join(lines))
         try:
@@ -81,7 +81,7 @@ class Journal:
         Raises:
             OSError: there is no room.
         """
-        line = _entry(outcome, sums).encode()
+        line = line_of(Entry(outcome, sums)).encode()
         if os.write(self._file, line) != len(line):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -105,21 +105,30 @@ def read(folder: Path) -> Past | None:
         lines = path.read_bytes().split(b"\n")
     except OSError:
         return None
-    records = [_parsed(line) for line in lines[:-1]]
-    if not records or records[0] is None or records[0].get("format") != FORMAT:
+    header = _parsed(lines[0])
+    if header is None or header.get("format") != FORMAT:
         warnings.warn(f"{path}: cannot be read; every case is run again", MrmWarning, stacklevel=2)
         return None
-    damaged = sum(record is None for record in records)
-    if damaged:
-        warnings.warn(f"{path}: {damaged} damaged lines; their cases are run again", MrmWarning, stacklevel=2)
-    entries = [
-        Entry(from_record(record["outcome"]), record["files"]) for record in records[1:] if record is not None
-    ]
-    return Past(records[0], entries)
+    entries = [entry_of(line) for line in lines[1:-1]]
+    whole = [entry for entry in entries if entry is not None]
+    if len(whole) < len(entries):
+        warnings.warn(
+            f"{path}: {len(entries) - len(whole)} damaged lines; their cases are run again",
+            MrmWarning,
+            stacklevel=2,
+        )
+    return Past(header, whole)
 
 
-def _entry(outcome: Outcome, sums: Sums) -> str:
-    return _line({"outcome": as_record(outcome), "files": sums})
+def line_of(entry: Entry) -> str:
+    """An outcome and its files' checksums as a line with its own."""
+    return _line({"outcome": as_record(entry.outcome), "files": entry.sums})
+
+
+def entry_of(line: bytes) -> Entry | None:
+    """What `line_of` wrote, without the end of the line; None if it is damaged."""
+    record = _parsed(line)
+    return None if record is None else Entry(from_record(record["outcome"]), record["files"])
 
 
 def _line(record: Mapping[str, Any]) -> str:

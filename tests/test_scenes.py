@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from mrm_nodes.cli import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import probe_backends, read_image, sphere
-from mrm_nodes.scenes import TITLES, draw
+from mrm_nodes.scenes import TITLES, draw, scene_gallery
 from mrm_nodes.scenes.compose import render
 from mrm_nodes.scenes.figures import figure3, figure5
 
@@ -69,6 +69,13 @@ def test_the_command_draws_a_figure_on_a_mesh_of_the_users(tmp_path: Path) -> No
     assert result.exit_code == 0, result.output
     # Four pictures beside each other, six white pixels between them.
     assert read_image(output).shape == (21, 4 * 21 + 3 * 6, 3)
+
+
+@needs_gl
+def test_the_gallery_says_where_each_picture_is(tmp_path: Path) -> None:
+    (shown,) = scene_gallery(tmp_path, ["figure3"], scale=0.1)
+    assert (shown["title"], shown["caption"]) == ("figure3", TITLES["figure3"])
+    assert read_image(tmp_path / shown["image"]).max() > 0.5
 
 
 @pytest.mark.parametrize(

@@ -67,8 +67,11 @@ Rows = list[list[tuple[Scene, tuple[int, int]]]]
 """Pictures beside and above each other: what each shows, and its width and height."""
 
 
-def render(scene: Scene, size: tuple[int, int], samples: int = 2) -> Array:
-    """Return the linear picture (h, w, 3); every pixel is the mean of samples × samples."""
+def render(scene: Scene, size: tuple[int, int], samples: int = 2, shadows: float = 1.0) -> Array:
+    """Return the linear picture (h, w, 3); every pixel is the mean of samples × samples.
+
+    shadows: share of their resolution and of their samples that is used, above 0.
+    """
     renderer = shared_renderer()
     width, height = size[0] * samples, size[1] * samples
     reach = [
@@ -100,7 +103,12 @@ def render(scene: Scene, size: tuple[int, int], samples: int = 2) -> Array:
     picture = np.broadcast_to(low + (high - low) * share, (height, width, 3)).copy()
     total = np.zeros((int(seen.sum()), 3), np.float32)
     for index, lamp in enumerate(scene.lamps):
-        lit = _visibility(scene, casters, lamp, position[seen], normal[seen])
+        coarse = replace(
+            lamp,
+            shadow_samples=max(1, round(shadows * lamp.shadow_samples)),
+            resolution=max(1, round(shadows * lamp.resolution)),
+        )
+        lit = _visibility(scene, casters, coarse, position[seen], normal[seen])
         total += radiance[index][seen] * lit[:, None]
     picture[seen] = total
     mean: Array = picture.reshape(size[1], samples, size[0], samples, 3).mean(axis=(1, 3))

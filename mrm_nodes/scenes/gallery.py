@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +30,11 @@ _GAP = 6
 
 
 def draw(
-    name: str, mesh: str | os.PathLike[str] | None = None, scale: float = 1.0, samples: int = 2
+    name: str,
+    mesh: str | os.PathLike[str] | None = None,
+    scale: float = 1.0,
+    samples: int = 2,
+    shadows: float = 1.0,
 ) -> NDArray[np.float32]:
     """Return a scene's pictures beside and above each other: (h, w, 3), linear, from 0 to 1.
 
@@ -39,6 +43,7 @@ def draw(
         mesh: as in `mrm_nodes.render`, shown in place of the ball of the paper's figures.
         scale: of the pictures.
         samples: a pixel is the mean of samples × samples.
+        shadows: share of the finest shadows, above 0.
 
     Raises:
         MrmError: an unknown scene, a mesh where the scene has its own, or one that cannot be read.
@@ -53,7 +58,10 @@ def draw(
         raise MrmError(f"{name}: has its own geometry; a mesh can be shown in {' and '.join(_ON_A_MESH)}")
     pictures = [
         [
-            display(render(scene, (round(size[0] * scale), round(size[1] * scale)), samples), scene.exposure)
+            display(
+                render(scene, (round(size[0] * scale), round(size[1] * scale)), samples, shadows),
+                scene.exposure,
+            )
             for scene, size in row
         ]
         for row in rows
@@ -61,13 +69,18 @@ def draw(
     return _tiled(pictures).astype(np.float32)
 
 
-def scene_gallery(folder: str | os.PathLike[str], scale: float = 0.5) -> list[dict[str, str]]:
-    """Draw every scene, small, into a folder that exists, and return title, caption and image file of each."""
+def scene_gallery(
+    folder: str | os.PathLike[str], names: Iterable[str] = tuple(TITLES), scale: float = 0.5
+) -> list[dict[str, str]]:
+    """Draw scenes, small, into a folder that exists, and return title, caption and image file of each.
+
+    The two figures take a few seconds, all five about a minute.
+    """
     shown = []
-    for name, caption in TITLES.items():
+    for name in names:
         image = f"scene-{name}.png"
-        write_png(Path(folder) / image, draw(name, scale=scale, samples=1))
-        shown.append({"title": name, "caption": caption, "image": image})
+        write_png(Path(folder) / image, draw(name, scale=scale, samples=1, shadows=0.2))
+        shown.append({"title": name, "caption": TITLES[name], "image": image})
     return shown
 
 

@@ -15,7 +15,7 @@ from mrm_nodes.shadergen import Shader
 Array = NDArray[np.float64]
 
 
-def vest_shader(size: int = 2048) -> Shader:
+def vest_shader(size: int = 1536) -> Shader:
     """A hi-vis vest on a tailor's dummy: silver tape between orange borders on fluorescent cloth."""
     s = (np.arange(size) + 0.5)[None, :] / size * np.ones((size, 1))
     t = (1.0 - (np.arange(size) + 0.5) / size)[:, None] * np.ones((1, size))

@@ -59,7 +59,7 @@ def test_the_guide_s_example_is_complete(studio):
     first = run(studio, "tests")
     first.assert_outcomes(failed=1)
     first.stdout.fnmatch_lines(
-        ["*tape-tape_by_night has no baseline yet in *", "*pytest --mrm-accept '*test_tape_by_night'"]
+        ["*tape-tape_by_night: no baseline yet in *", "*pytest --mrm-accept '*test_tape_by_night'"]
     )
     assert stored(studio) == {}
     accepted = run(studio, "tests", "--mrm-accept")

@@ -181,7 +181,9 @@ class Session:
         self.folder.mkdir(parents=True, exist_ok=True)
         outcome = _worker(seen.backend).run(case, self.folder)
         stored = case.store.paths(name)[1].is_file()
-        complaint = self._accept(case, outcome, stored) if self.accept else _complaint(case, outcome, stored)
+        if truth == "baseline" and not stored and outcome.files:
+            outcome.message = f"no baseline yet in {case.store.folder}"
+        complaint = self._accept(case, outcome, stored) if self.accept else _complaint(case, outcome)
         outcome.details = {**outcome.details, "test": test, "driver": _driver(outcome.backend)}
         self._keep(outcome)
         place = outcome.files.get("render")
@@ -199,7 +201,7 @@ class Session:
         if outcome.verdict == "pass":
             return ""
         if case.truth != "baseline" or "render_data" not in outcome.files:
-            return _complaint(case, outcome, stored)
+            return _complaint(case, outcome)
         provenance = {
             "inputs": baseline.fingerprint(case),
             "setup": case.describe(),
@@ -230,11 +232,9 @@ class Session:
         write_text(self.folder / OUTCOMES / f"{outcome.name}.json", text)
 
 
-def _complaint(case: MaterialCase, outcome: Outcome, stored: bool) -> str:
+def _complaint(case: MaterialCase, outcome: Outcome) -> str:
     if outcome.verdict in ("pass", "undecided"):
         return ""
-    if outcome.verdict == "error" and case.truth == "baseline" and not stored and outcome.files:
-        return f"{case.name} has no baseline yet in {case.store.folder}"
     what = "the evaluator" if case.truth == "physics" else "its baseline"
     told = outcome.message or f"differs from {what}: {in_words(as_record(outcome))}"
     return f"{case.name}: {told}"

@@ -110,7 +110,8 @@ function showImages(pixels) {
     );
   }
   for (const control of document.querySelectorAll("[data-numbers]")) control.disabled = !pixels;
-  byId("map-kind").disabled = !pixels || view.alone;
+  byId("map-kind").disabled = !pixels;
+  byId("maps").hidden = view.alone;
   if (pixels && !view.alone) {
     const offered = Object.keys(MAPS).filter((name) => MAPS[name].offered(pixels));
     view.map = offered.includes(view.map) ? view.map : offered[0];

@@ -127,7 +127,7 @@ function float32Text(value) {
 }
 
 function stops(value) {
-  return `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value)} stops`;
+  return `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value)} ${Math.abs(value) === 1 ? "stop" : "stops"}`;
 }
 
 const RAISED = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };

@@ -30,8 +30,8 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
 
     measured = []
     click.echo(
-        f"{'cases':>6} {'jobs':>4} {'threads':>7} {'cases/s':>8} {'of 1 job':>8} {'overhead':>8} {'shaders':>7} "
-        f"{'run MB':>7} {'worker MB':>9}  seconds: generate, compile, render, reference, compare"
+        f"{'cases':>6} {'jobs':>4} {'threads':>7} {'cases/s':>8} {'of 1 job':>8} {'CPU s':>7} {'overhead':>8} "
+        f"{'shaders':>7} {'run MB':>7} {'worker MB':>9}  seconds: generate, compile, render, reference, compare"
     )
     for count in counts:
         for _ in range(rounds):
@@ -48,9 +48,10 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
                 threads = "cached" if row.cached else "all" if row.all_threads else "one"
                 stages = " ".join(f"{seconds:.1f}" for seconds in row.stages.values())
                 overhead = "" if row.cached else f"{row.overhead:.0%}"
+                memory = f"{row.run_megabytes:>7.0f} {row.worker_megabytes:>9.0f}"
                 click.echo(
                     f"{row.count:>6} {row.jobs:>4} {threads:>7} {row.rate:>8.1f} {row.rate / one.rate:>7.2f}x "
-                    f"{overhead:>8} {row.shaders:>7} {row.run_megabytes:>7.0f} {row.worker_megabytes:>9.0f}  {stages}"
+                    f"{row.cpu:>7.1f} {overhead:>8} {row.shaders:>7} {memory}  {stages}"
                 )
             measured += rows
     _beside(backend)

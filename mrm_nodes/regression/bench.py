@@ -49,6 +49,8 @@ class Measurement:
     """From the first to the last outcome's being written, workers' start included."""
     whole: float
     """The report and the search for OpenGL included."""
+    cpu: float
+    """Seconds of processor time of all processes together: what other programs disturb least."""
     stages: dict[str, float]
     """Seconds of all cases together."""
     shaders: int
@@ -96,7 +98,7 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
     os.environ.update(threads(jobs) if all_threads else ONE_THREAD)
     tasks = cases(count)
     with tempfile.TemporaryDirectory() as folder:
-        start = time.perf_counter()
+        start, cpu, children = time.perf_counter(), time.process_time(), _children()
         report = run_suite(
             tasks, Path(folder), backend, jobs, cache=None if cache is None else Cache(cache, 1 << 40)
         )
@@ -114,6 +116,7 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
         # From the cache nothing is left for the workers.
         whole if cached else sum(environment["backend_seconds"].values()),
         whole,
+        time.process_time() - cpu + _children() - children,
         stages,
         len({case.structure for case in tasks})
         + len({(case.structure, name) for case in tasks for name in case.patterns}),
@@ -121,6 +124,11 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
         _peak(resource.RUSAGE_SELF),
         _peak(resource.RUSAGE_CHILDREN),
     )
+
+
+def _children() -> float:
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
 
 
 def _peak(whose: int) -> float:
@@ -286,7 +294,7 @@ def write_obj(mesh: Mesh, file: Path) -> None:
 
 @dataclass(frozen=True)
 class BesideIdiff:
-    """Milliseconds to compare two EXR files of a size, the median of the rounds."""
+    """Milliseconds of processor time to compare two EXR files of a size, the median of the rounds."""
 
     size: int
     command: float
@@ -331,9 +339,9 @@ def beside_idiff(sizes: Sequence[int] = (128, 1024), rounds: int = 9) -> list[Be
             times: list[list[float]] = [[], [], []]
             for _ in range(rounds):
                 for subject, seconds in zip(subjects, times, strict=True):
-                    start = time.perf_counter()
+                    start = time.process_time() + _children()
                     subject()
-                    seconds.append(time.perf_counter() - start)
+                    seconds.append(time.process_time() + _children() - start)
         found.append(BesideIdiff(size, *(1e3 * statistics.median(each) for each in times)))
     return found
 

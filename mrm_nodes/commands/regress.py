@@ -187,7 +187,10 @@ def _prepare(*files: Path | None) -> None:
         if file is not None and file != STDOUT:
             if file.is_dir():
                 raise MrmError(f"{file}: this is a folder; name a file")
-            prepare_folder(file.parent)
+            try:
+                prepare_folder(file.parent)
+            except MrmError:
+                raise MrmError(f"{file}: cannot be written there; name another file") from None
 
 
 def _publish(

@@ -80,6 +80,11 @@ def _include_names(path: Path) -> list[str]:
     return names
 
 
+def is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have is none, and no OSError."""
+    return os.path.isfile(path)  # noqa: PTH113
+
+
 def _candidates(name: str, *folders: Path) -> list[Path]:
     """Every file that MaterialX could take for a name; at last, one relative to where the program runs."""
     found = [

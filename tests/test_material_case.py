@@ -11,13 +11,14 @@ import pytest
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import physics
-from mrm_nodes.regression.material_case import MaterialCase, with_values
+from mrm_nodes.regression import material_case, physics
+from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, with_values
 from mrm_nodes.regression.outcome import Outcome
 from mrm_nodes.regression.suitefile import DEFAULT_LIGHTS, load
 from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import Framing, probe_backends, write_png
+from mrm_nodes.render.environment import Environment
 from mrm_nodes.shadergen import Shader, read_document
 
 MATERIALS = sorted(path.stem for path in materials_path().glob("*.mtlx"))
@@ -326,3 +327,40 @@ def test_a_value_that_an_input_cannot_have_is_named(textured: Path):
 def test_the_lights_of_a_case_are_the_suite_s_and_none_where_it_says_so(textured: Path):
     assert case_of(textured).lights == DEFAULT_LIGHTS
     assert isinstance(case_of(textured).camera, Framing)
+
+
+METAL = """
+<mrm_conductor_bsdf name="b" type="BSDF">
+  <input name="roughness" type="vector2" value="0.4, 0.3" />
+  <input name="retroreflectivity" type="float" value="0.5" />
+</mrm_conductor_bsdf>"""
+STUDIO = EnvironmentMap("studio", (("samples", 256),))
+
+
+def test_an_environment_is_integrated_by_the_evaluator(worker: Worker, tmp_path: Path):
+    case = replace(case_of(write(tmp_path, METAL + SURFACE), environment=STUDIO), size=(16, 16))
+    outcome = judged(worker, case, tmp_path / "report")
+    assert (outcome.truth, outcome.verdict) == ("physics", "pass")
+    assert outcome.figures is not None and outcome.figures.uncertainty is not None
+
+
+def test_an_environment_that_is_turned_fails(worker: Worker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    original = material_case.light_tree
+
+    def turned(tree: object, points: object, around: Environment, resolve: object) -> object:
+        return original(tree, points, replace(around, rotation=90.0), resolve)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(material_case, "light_tree", turned)
+    case = replace(case_of(write(tmp_path, METAL + SURFACE), environment=STUDIO), size=(16, 16))
+    assert judged(worker, case, tmp_path / "report").verdict == "fail"
+
+
+def test_a_threshold_within_the_noise_of_an_environment_leaves_a_case_undecided(
+    worker: Worker, tmp_path: Path
+):
+    case = replace(case_of(write(tmp_path, METAL + SURFACE), environment=STUDIO), size=(16, 16))
+    figures = judged(worker, case, tmp_path / "report").figures
+    assert figures is not None
+    outcome = worker.run(replace(case, tolerance=Tolerance(rmse=figures.rmse)), tmp_path / "report")
+    assert outcome.verdict == "undecided"
+    assert "raise the samples" in outcome.message

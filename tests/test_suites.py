@@ -122,6 +122,34 @@ def test_a_value_that_brings_in_an_unknown_lobe_changes_the_truth(folder: Path):
     assert [case.truth for case in cases_of(folder, text)] == ["physics", "baseline"]
 
 
+@pytest.mark.parametrize(
+    ("node", "truth"),
+    [
+        ('<mrm_conductor_bsdf name="b" type="BSDF" />', "physics"),
+        ('<oren_nayar_diffuse_bsdf name="b" type="BSDF" />', "physics"),
+        (
+            '<oren_nayar_diffuse_bsdf name="b" type="BSDF"><input name="roughness" type="float" value="0.3" />'
+            "</oren_nayar_diffuse_bsdf>",
+            "baseline",
+        ),
+        (
+            '<dielectric_bsdf name="b" type="BSDF"><input name="scatter_mode" type="string" value="RT" />'
+            "</dielectric_bsdf>",
+            "baseline",
+        ),
+    ],
+    ids=["a metal", "Lambert", "rough diffuse", "a transmission"],
+)
+def test_in_an_environment_only_what_materialx_does_not_approximate_is_known(
+    folder: Path, node: str, truth: str
+):
+    (folder / "b.mtlx").write_text(METAL.replace('<mrm_conductor_bsdf name="b" type="BSDF" />', node))
+    (around,) = cases_of(folder, '[[case]]\nmaterial = "b.mtlx"\nenvironment = "studio"')
+    (lit,) = cases_of(folder, '[[case]]\nmaterial = "b.mtlx"')
+    assert (around.truth, lit.truth) == (truth, "physics")
+    assert (around.lights, len(lit.lights)) == ((), 2)
+
+
 def test_names_below_a_pattern_hold_the_folders_and_no_other_file_changes_them(folder: Path):
     text = '[[case]]\nmaterial = "set/**/*.mtlx"'
     assert loaded(folder, text) == ["deep.metal"]
@@ -218,6 +246,11 @@ FAULTS = {
         '[meshes]\na = "a.obj"\n[[case]]\nmaterial = "metal.mtlx"',
         ":2: meshes.a",
         "no mesh",
+    ),
+    "a name that no file can have": (
+        f'[[case]]\nmaterial = "metal.mtlx"\nmesh = "{"x" * 500}.obj"',
+        ":3: case 1.mesh",
+        "no mesh file",
     ),
     "a camera": (
         '[[case]]\nmaterial = "metal.mtlx"\ncamera = "front"',

@@ -141,6 +141,27 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     )
 
 
+def check_image_light(tree: Tree) -> None:
+    """Check that the evaluator knows what a tree shows in an environment too.
+
+    Raises:
+        UnknownClosure: it has a lobe that transmits, or a rough diffuse one, whose light MaterialX approximates.
+    """
+    match tree:
+        case Lobe(node, path, inputs):
+            if inputs.get("scatter_mode", "R") != "R":
+                raise UnknownClosure(f"{path} transmits light of the environment, which has no model")
+            if node == DIFFUSE_NODE and inputs["roughness"] != 0.0:
+                raise UnknownClosure(
+                    f"{path} is rough, and MaterialX approximates what such a {node} shows of an environment"
+                )
+        case Mix(first, second, _) | Add(first, second) | Layer(first, second):
+            check_image_light(first)
+            check_image_light(second)
+        case Multiply(inner, _):
+            check_image_light(inner)
+
+
 def _flatten(document: mx.Document) -> bool:
     """Replace surfaces and closures by the graphs that implement them; whether there were any."""
     kinds = ("BSDF", "EDF", "VDF", "surfaceshader")

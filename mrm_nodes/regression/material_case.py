@@ -17,9 +17,10 @@ from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
 from mrm_nodes.regression.compare import Bounds, compare, relative_error
+from mrm_nodes.regression.environment_reference import environment_tolerance, replicated, sample_counts
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
-from mrm_nodes.regression.physics import Points, shade_tree
+from mrm_nodes.regression.physics import Points, light_tree, shade_tree
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.tolerance import Tolerance, compare_images
 from mrm_nodes.regression.workshop import Workshop
@@ -150,49 +151,61 @@ def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path
     """Render a case, compare it with its truth, and write its pictures below `folder`."""
     outcome.truth = case.truth
     bench = _Bench(case, workshop, outcome)
-    drawn = bench.render(bench.shader(case.element))
+    drawn = bench.render(bench.shader(case.element), _environment(case))
     mask = drawn.mask & _mask(case)
     place = Path("cases") / outcome.backend / case.name
     (folder / place).mkdir(parents=True, exist_ok=True)
     source = (case.root / case.material).read_text(encoding="utf-8", errors="replace")
 
-    truth: ArrayLike
-    bounds: Bounds | None = None
+    expected = _Expected(drawn.image)
     if case.truth == "baseline":
         outcome.details = {"inputs": baseline.fingerprint(case)}
         try:
-            truth = case.store.read(case.name, drawn.image.shape)
+            expected.truth = case.store.read(case.name, drawn.image.shape)
         except MrmError:
             _write_render(drawn, mask, source, folder / place, outcome)
             raise
+        expected.tolerance = BASELINE_TOLERANCE
     else:
-        with timed(outcome, "reference"):
-            points, bounds = _physics(bench, drawn, mask)
-            truth = _spread(points, mask)
+        _compute(bench, drawn, mask, expected)
     with timed(outcome, "compare"):
-        used, flip = _compare(case, drawn.image, truth, mask, bounds, outcome)
-        written = write_pictures(folder / place, drawn.image, truth, mask, used, flip, source)
+        used, flip = _compare(case, expected, mask, outcome)
+        written = write_pictures(folder / place, expected.image, expected.truth, mask, used, flip, source)
         outcome.files = _below(place, written)
 
 
+@dataclass
+class _Expected:
+    """An image, and what it is compared with."""
+
+    image: ArrayLike
+    """`(h, w, 3)`."""
+    truth: ArrayLike = ()
+    """`(h, w, 3)`."""
+    bounds: Bounds | None = None
+    """Of the points of the mask, where float32's rounding is all that may differ."""
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    """Where the suite has none."""
+    noise: ArrayLike | None = None
+    """The standard error of both together, `(h, w, 3)`."""
+
+
 def _compare(
-    case: MaterialCase,
-    image: ArrayLike,
-    truth: ArrayLike,
-    mask: NDArray[np.bool_],
-    bounds: Bounds | None,
-    outcome: Outcome,
+    case: MaterialCase, expected: _Expected, mask: NDArray[np.bool_], outcome: Outcome
 ) -> tuple[Array | None, Array | None]:
     """Complete an outcome's verdict; return `used` and `flip`, `(h, w)`, as `write_pictures` takes them."""
-    if bounds is not None and not case.tolerance.asked():
-        seen, expected = np.asarray(image)[mask], np.asarray(truth)[mask]
-        outcome.verdict, outcome.figures = compare(seen, expected, bounds)
-        outcome.tolerance = bounds.loosest()
-        return _spread(np.max(relative_error(seen, expected) / bounds.max_rel, axis=-1), mask), None
-    asked = case.tolerance if case.tolerance.asked() else BASELINE_TOLERANCE
-    compared = compare_images(image, truth, mask, asked)
+    if expected.bounds is not None and not case.tolerance.asked():
+        image, truth = np.asarray(expected.image)[mask], np.asarray(expected.truth)[mask]
+        outcome.verdict, outcome.figures = compare(image, truth, expected.bounds)
+        outcome.tolerance = expected.bounds.loosest()
+        used = np.max(relative_error(image, truth) / expected.bounds.max_rel, axis=-1)
+        return _spread(used, mask), None
+    asked = case.tolerance if case.tolerance.asked() else expected.tolerance
+    compared = compare_images(expected.image, expected.truth, mask, asked, expected.noise)
     outcome.verdict, outcome.figures = compared.verdict, compared.figures
     outcome.tolerance = asked.asked()
+    if compared.verdict == "undecided":
+        outcome.message = "the sampling errors hide whether the bound is kept: raise the samples"
     return compared.used, compared.flip
 
 
@@ -224,7 +237,7 @@ class _Bench:
     def __init__(self, case: MaterialCase, workshop: Workshop, outcome: Outcome) -> None:
         self.case = case
         self._workshop = workshop
-        self._outcome = outcome
+        self.outcome = outcome
         self._mesh = _mesh(case)
         self._stamp = tuple(_stamp(path) for path in case.sources())
         self._baked: tuple[tuple[str, Value], ...] = ()
@@ -233,13 +246,13 @@ class _Bench:
     @functools.cached_property
     def document(self) -> mx.Document:
         """The material with the case's values."""
-        with timed(self._outcome, "generate"):
+        with timed(self.outcome, "generate"):
             return with_values(read(self.case), self.case.inputs, self.case.material)
 
     @functools.cached_property
     def closure(self) -> Closure:
         """The tree of the material's lobes."""
-        with timed(self._outcome, "generate"):
+        with timed(self.outcome, "generate"):
             return closure_of(self.document, self.case.element)
 
     def shader(self, element: str) -> Shader:
@@ -261,11 +274,13 @@ class _Bench:
         return self._generate(key, lambda: self.closure.document, element)
 
     def _generate(self, key: Any, document: Callable[[], mx.Document], element: str) -> Shader:
-        with timed(self._outcome, "generate"):
+        with timed(self.outcome, "generate"):
             return self._workshop.shader(key, document, element)
 
-    def render(self, shader: Shader, lit: bool = True) -> RenderedImage:
-        """Draw the case, with its lights or without."""
+    def render(
+        self, shader: Shader, environment: Environment | None = None, lit: bool = True
+    ) -> RenderedImage:
+        """Draw the case, with its lights or without any."""
         case = self.case
         known = {uniform.path for uniform in uniforms_of(shader).values()}
         drawn = self._workshop.renderer.render(
@@ -275,10 +290,10 @@ class _Bench:
             lights=case.lights if lit else (),
             size=case.size,
             uniforms={name: value for name, value in case.inputs.items() if name in known},
-            environment=_environment(case) if lit else None,
+            environment=environment,
         )
         for stage, seconds in drawn.seconds.items():
-            self._outcome.seconds[stage] += seconds
+            self.outcome.seconds[stage] += seconds
         return drawn
 
     def resolver(self, mask: NDArray[np.bool_]) -> Callable[[Port], Any]:
@@ -300,26 +315,41 @@ class _Bench:
         return resolve
 
 
-def _physics(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_]) -> tuple[Array, Bounds]:
-    """The reference of the points of a mask, `(n, 3)`, and the bounds there."""
-    closure, resolve = bench.closure, bench.resolver(mask)
-    way_out = 'give the case truth = "baseline"'
+def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expected: _Expected) -> None:
+    """Complete what is expected with the evaluator's reference of the points of a mask."""
+    case, closure, resolve = bench.case, bench.closure, bench.resolver(mask)
     if mask.any():
         if np.any(np.asarray(resolve(closure.opacity)) != 1.0):
-            raise MrmError(
-                f"{bench.case.element}: its opacity is not 1 everywhere, which has no model: {way_out}"
-            )
+            raise MrmError(f"{case.element}: its opacity is not 1 everywhere: {_WAY_OUT}")
         if any(np.any(np.asarray(resolve(each)) != 0.0) for each in closure.emission):
-            raise MrmError(f"{bench.case.element}: it emits light, which has no model: {way_out}")
+            raise MrmError(f"{case.element}: it emits light: {_WAY_OUT}")
     points = Points(
         drawn.position[mask].astype(np.float64),
         drawn.normal[mask].astype(np.float64),
         drawn.tangent[mask].astype(np.float64),
         drawn.camera.position,
     )
-    return shade_tree(
-        closure.tree, points, [light.data(drawn.camera) for light in bench.case.lights], resolve
-    )
+    lights = [light.data(drawn.camera) for light in case.lights]
+    with timed(bench.outcome, "reference"):
+        reference, bounds = shade_tree(closure.tree, points, lights, resolve)
+    around = _environment(case)
+    if around is None:
+        expected.truth, expected.bounds = _spread(reference, mask), bounds
+        return
+    # The host samples too: one set for each number of samples.
+    others = sample_counts(around.samples)[1:]
+    shader = bench.shader(case.element)
+    images = [drawn, *(bench.render(shader, around.resampled(count)) for count in others)]
+    host = replicated([each.image[mask].astype(np.float64) for each in images])
+    with timed(bench.outcome, "reference"):
+        truth = light_tree(closure.tree, points, around, resolve)
+    expected.image = _spread(host.mean, mask)
+    expected.truth = _spread(reference + truth.mean, mask)
+    expected.noise = _spread(np.hypot(truth.standard_error, host.standard_error), mask)
+    expected.tolerance = environment_tolerance(around, reference + truth.mean)
+
+
+_WAY_OUT = 'such a material has no model; give the case truth = "baseline"'
 
 
 def read(case: MaterialCase) -> mx.Document:

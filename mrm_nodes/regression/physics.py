@@ -18,6 +18,7 @@ from mrm_nodes.reference import layers
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
 from mrm_nodes.regression.compare import FLOOR, Bounds, bounds_for, grazing_factor
+from mrm_nodes.regression.environment_reference import Estimate, environment_image, irradiance
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import (
     LightData,
@@ -26,6 +27,7 @@ from mrm_nodes.regression.reference_image import (
     shading_frame,
     white_evaluator,
 )
+from mrm_nodes.render.environment import Environment
 
 Array = NDArray[np.float64]
 Resolve = Callable[[Port], Any]
@@ -55,8 +57,7 @@ def shade_tree(
     """
     placed = _Placed(points, resolve)
     kinds = [placed.tree(tree, kind) for kind in (_Response, _Grazing, _White, _Leak)]
-    view = points.eye - points.position
-    view = view / np.linalg.norm(view, axis=-1, keepdims=True)
+    view = _view(points)
     sums = [np.zeros(view.shape) for _ in kinds]
     try:
         for light in lights:
@@ -71,12 +72,38 @@ def shade_tree(
     return reference, Bounds(bounds.max_rel + allowed, bounds.p999_rel + allowed)
 
 
+def light_tree(tree: Tree, points: Points, environment: Environment, resolve: Resolve) -> Estimate:
+    """Radiance `(n, 3)` towards the camera from an environment, with the standard error of its integral.
+
+    Errors of several lobes are added up: they are no smaller than that.
+
+    Raises:
+        MrmError: as `shade_tree`.
+    """
+    placed = _Placed(points, resolve, environment)
+    view = _view(points)
+    try:
+        mean, error = (placed.tree(tree, kind).eval(view, view) for kind in (_Surrounded, _Uncertain))
+    except ValueError as error_of_values:
+        raise MrmError(f"the evaluator: {error_of_values}") from None
+    return Estimate(mean, error)
+
+
+def _view(points: Points) -> Array:
+    """The direction to the camera, `(n, 3)`."""
+    away = points.eye - points.position
+    view: Array = away / np.linalg.norm(away, axis=-1, keepdims=True)
+    return view
+
+
 class _Placed:
     """Lobes with their values and frames at n points, and what the bounds depend on."""
 
-    def __init__(self, points: Points, resolve: Resolve) -> None:
+    def __init__(self, points: Points, resolve: Resolve, environment: Environment | None = None) -> None:
         self._points = points
         self._resolve = resolve
+        self._environment = environment
+        self._estimates: dict[str, Estimate] = {}
         self._lobes: dict[str, Mapping[str, Any]] = {}
         self.alpha: Array = np.ones(len(points.position))
         self.film: NDArray[np.bool_] = np.zeros(len(points.position), bool)
@@ -111,8 +138,13 @@ class _Placed:
         points = self._points
         normal = points.normal if values["normal"] is None else values["normal"]
         tangent = points.tangent if values.get("tangent") is None else values["tangent"]
-        _, frame = shading_frame(points.position, normal, tangent, points.eye)
-        return kind(lobe.node, _as_ours(lobe, values), frame)
+        view, frame = shading_frame(points.position, normal, tangent, points.eye)
+        placed = kind(lobe.node, _as_ours(lobe, values), frame)
+        if self._environment is not None:
+            if lobe.path not in self._estimates:
+                self._estimates[lobe.path] = _around(placed, view, self._environment)
+            placed.around = self._estimates[lobe.path]
+        return placed
 
     def _note(self, lobe: Lobe, values: Mapping[str, Any]) -> None:
         alpha = np.clip(as_float32(values["roughness"]), 1e-8, 1.0)
@@ -149,6 +181,9 @@ class _Dark(layers.Closure):
 
 class _Response(layers.Closure):
     """A lobe in its frame: directions are in world space, and its cosine is part of the response."""
+
+    around: Estimate | None = None
+    """What it shows of an environment."""
 
     def __init__(self, node: str, values: Mapping[str, Any], frame: Array) -> None:
         self.node = node
@@ -219,6 +254,32 @@ class _Leak(_White):
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
         leak = self._value(view, across + np.array([0.0, 0.0, LEAKED_COSINE])) * LEAKED_COSINE
         return np.where(light[..., 2:] > 0, 0.0, leak) * self.weight[..., None]
+
+
+class _Surrounded(_Response):
+    """What a lobe shows of an environment, in place of a response to one light."""
+
+    def throughput(self, v: Any, l: Any = None) -> Array:  # noqa: E741
+        return super().throughput(v)
+
+    def eval(self, v: Any, l: Any) -> Array:  # noqa: E741
+        return self.around.mean if self.around is not None else np.zeros(np.shape(v))
+
+
+class _Uncertain(_Surrounded):
+    """The standard error of what a lobe shows of an environment."""
+
+    def eval(self, v: Any, l: Any) -> Array:  # noqa: E741
+        return self.around.standard_error if self.around is not None else np.zeros(np.shape(v))
+
+
+def _around(lobe: _Response, view: Array, environment: Environment) -> Estimate:
+    if lobe.lobe is not None:
+        return environment_image(_our_name(lobe.node), lobe.values, view, lobe.frame, environment)
+    # Lambert: no other diffuse lobe gets here.
+    color = as_float32(lobe.values["color"]) * lobe.weight[..., None]
+    mean = color * irradiance(environment, lobe.frame[:, 2])
+    return Estimate(mean, np.zeros_like(mean))
 
 
 def _our_name(node: str) -> str:

@@ -24,7 +24,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from mrm_nodes import external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
-from mrm_nodes.regression.closure import UnknownClosure, closure_of
+from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
 from mrm_nodes.regression.material import Value
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
 from mrm_nodes.regression.tolerance import Tolerance
@@ -382,7 +382,7 @@ class _Maker:
                 found = sorted(
                     name
                     for name in glob.glob(pattern, root_dir=self._folder, recursive=True)  # noqa: PTH207
-                    if (self._folder / name).is_file() and not self._is_reported(name)
+                    if external.is_file(self._folder / name) and not self._is_reported(name)
                 )
             except (ValueError, OSError, re.error) as error:
                 raise _Fault((*here, "material"), f"{pattern}: {error}") from None
@@ -559,7 +559,7 @@ class _Maker:
         return fields
 
     def _file(self, name: str) -> str:
-        if not (self._folder / name).is_file():
+        if not external.is_file(self._folder / name):
             raise MrmError(f"no file {name} beside the suite")
         return name
 
@@ -567,7 +567,7 @@ class _Maker:
         file = self._table.meshes.get(name, name)
         if file in BUILT_IN:
             return file
-        if (self._folder / file).is_file() and Path(file).suffix.lower() in (".obj", ".glb"):
+        if external.is_file(self._folder / file) and Path(file).suffix.lower() in (".obj", ".glb"):
             return file
         if name in self._table.meshes or Path(name).suffix:
             raise MrmError(f"no mesh file {file} (.obj, .glb) beside the suite")
@@ -591,7 +591,7 @@ class _Maker:
 
     def _environment(self, name: str) -> EnvironmentMap:
         table = self._table.environments.get(name) or _EnvironmentTable(map=name)
-        if table.map not in BUILT_IN_ENVIRONMENTS and not (self._folder / table.map).is_file():
+        if table.map not in BUILT_IN_ENVIRONMENTS and not external.is_file(self._folder / table.map):
             known = [*BUILT_IN_ENVIRONMENTS, *self._table.environments]
             raise MrmError(
                 f"no environment {table.map}: not a file beside the suite; {suggestion(name, known)}"
@@ -629,12 +629,11 @@ class _Maker:
         settings: _Settings,
     ) -> tuple[Truth, str]:
         wanted = settings.truth or "auto"
+        surrounded = settings.environment is not None
         try:
-            unknown = self._unknown(material, element, tuple(sorted(inputs.items())))
+            unknown = self._unknown(material, element, tuple(sorted(inputs.items())), surrounded)
         except MrmError as error:
             raise _Fault((*here, "input" if inputs else "material"), str(error)) from None
-        if settings.environment is not None and not unknown:
-            unknown = "environment light on a whole material has no model"
         if wanted == "baseline":
             return "baseline", "the suite says so"
         if wanted == "physics" and unknown:
@@ -652,9 +651,12 @@ class _Maker:
         found = external.files_of(self._folder / material, self._document(material))
         return tuple(os.path.relpath(path, self._folder) for path in found)
 
-    def _unknown(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
-        """Why the evaluator has no model of a material, or nothing."""
-        return self._unknown_alike(material, element, tuple((path, _alike(value)) for path, value in inputs))
+    def _unknown(
+        self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
+    ) -> str:
+        """Why the evaluator has no model of a material, in an environment or without, or nothing."""
+        alike = tuple((path, _alike(value)) for path, value in inputs)
+        return self._unknown_alike(material, element, alike, surrounded)
 
     @functools.cache  # noqa: B019
     def _checked(self, material: str, path: str, value: Value) -> tuple[str, ...]:
@@ -670,9 +672,13 @@ class _Maker:
         return shadergen.read_document(self._folder / material, allow_external=self._allow_external)
 
     @functools.cache  # noqa: B019
-    def _unknown_alike(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
+    def _unknown_alike(
+        self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
+    ) -> str:
         try:
-            closure_of(with_values(self._read(material), dict(inputs), material), element)
+            closure = closure_of(with_values(self._read(material), dict(inputs), material), element)
+            if surrounded:
+                check_image_light(closure.tree)
         except UnknownClosure as error:
             return str(error)
         return ""

@@ -13,7 +13,8 @@ from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.regression import suites
-from mrm_nodes.regression.suitefile import SuiteError, load
+from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.suitetable import SuiteError
 from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.render import Camera, CameraLight, DirectionalLight
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from mrm_nodes.regression.suitefile import _SETTINGS, _CaseTable, load
+from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.suitetable import SETTINGS, CaseTable
 
 PAGE = (Path(__file__).parents[1] / "docs" / "suites.md").read_text(encoding="utf-8")
 SIGN = """<materialx version="1.39">
@@ -33,4 +34,4 @@ def test_the_example_makes_the_cases_that_it_says(tmp_path: Path):
 
 def test_every_key_has_its_row():
     rows = "\n".join(line.split("|")[1] for line in PAGE.splitlines() if line.startswith("| `"))
-    assert set(re.findall(r"`(\w+)`", rows)) == {*_SETTINGS, *_CaseTable.model_fields}
+    assert set(re.findall(r"`(\w+)`", rows)) == {*SETTINGS, *CaseTable.model_fields}

@@ -22,7 +22,8 @@ def suite() -> None:
 @external_option
 def check(file: Path, allow_external: bool) -> int:
     """Say what is wrong with a suite, one line for each fault, or how many cases it has."""
-    from mrm_nodes.regression.suitefile import SuiteError, load
+    from mrm_nodes.regression.suitefile import load
+    from mrm_nodes.regression.suitetable import SuiteError
 
     try:
         found = load(file, allow_external)

@@ -11,22 +11,34 @@ import itertools
 import math
 import os
 import re
-import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import MaterialX as mx
 import pydantic
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from mrm_nodes import external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
 from mrm_nodes.regression.material import Value
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
+from mrm_nodes.regression.suitetable import (
+    SETTINGS,
+    AdjustTable,
+    CaseTable,
+    EnvironmentTable,
+    Fault,
+    Settings,
+    SuiteError,
+    SuiteTable,
+    Where,
+    faults,
+    listed,
+    read_table,
+)
 from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 from mrm_nodes.render.mesh import BUILT_IN
@@ -45,8 +57,6 @@ MOST_CASES = 100_000
 """A matrix that makes more is taken for a slip."""
 LONGEST_NAME = 180
 """Letters of a case's name: it becomes a folder's."""
-LARGEST_FILE = 16 << 20
-"""Bytes of a suite."""
 
 DEFAULT_LIGHTS: tuple[Light, ...] = (
     DirectionalLight(direction=(-0.08, -0.05, -1.0)),
@@ -55,112 +65,6 @@ DEFAULT_LIGHTS: tuple[Light, ...] = (
 """One light a few degrees from the view, for retro lobes, and one from the side, for forward lobes."""
 
 
-class SuiteError(MrmError):
-    """What is wrong with a suite: a line for each fault."""
-
-    def __init__(self, faults: Sequence[str]) -> None:
-        self.faults = list(faults)
-        more = f" (and {len(faults) - 1} more: `mrm-nodes suite check` lists them)" if len(faults) > 1 else ""
-        super().__init__(faults[0] + more)
-
-
-class _Fault(Exception):
-    """A fault, and the keys under which it lies."""
-
-    def __init__(self, keys: Sequence[str | int], message: str) -> None:
-        super().__init__(message)
-        self.keys = tuple(keys)
-        self.message = message
-
-
-# The schema. Each form is told as a user would write it.
-
-
-def _size(value: Any) -> Any:
-    """`256x256`, 256, or [256, 256]."""
-    if isinstance(value, str) and re.fullmatch(r"\d{1,5}x\d{1,5}", value):
-        value = [int(side) for side in value.split("x")]
-    elif isinstance(value, int) and not isinstance(value, bool):
-        value = [value, value]
-    fits = isinstance(value, list) and len(value) == 2
-    if not fits or not all(isinstance(side, int) and 1 <= side <= 16384 for side in value):
-        raise ValueError('a size is "640x480", or one number for a square, each side 1 to 16384 pixels')
-    return (value[0], value[1])
-
-
-def _listed(value: Any) -> Any:
-    return value if isinstance(value, list) else [value]
-
-
-def _environment(value: Any) -> Any:
-    return {"map": value} if isinstance(value, str) else value
-
-
-_Size = Annotated[tuple[int, int], BeforeValidator(_size)]
-_Name = Annotated[str, Field(min_length=1, max_length=1000)]
-_Names = Annotated[list[_Name], BeforeValidator(_listed), Field(min_length=1)]
-_Seconds = Annotated[float, Field(gt=0, le=86400)]
-_Threshold = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class _ToleranceTable(_Table):
-    max_rel: _Threshold | None = None
-    p999_rel: _Threshold | None = None
-    rmse: _Threshold | None = None
-    flip: _Threshold | None = None
-    hdr_flip: _Threshold | None = None
-
-
-class _EnvironmentTable(_Table):
-    map: _Name
-    rotation: Annotated[float, Field(allow_inf_nan=False)] | None = None
-    intensity: _Threshold | None = None
-    samples: Annotated[int, Field(ge=1, le=1 << 20)] | None = None
-
-
-class _Settings(_Table):
-    """What a case, the defaults and an adjustment have in common."""
-
-    mesh: _Name | None = None
-    camera: _Name | None = None
-    light: _Names | None = None
-    environment: _Name | None = None
-    size: _Size | None = None
-    tolerance: _Name | None = None
-    mask: _Name | None = None
-    truth: Literal["auto", "physics", "baseline"] | None = None
-    time_limit: _Seconds | None = None
-
-
-class _CaseTable(_Settings):
-    material: _Names
-    element: _Names | None = None
-    name: _Name | None = None
-    input: dict[str, Any] = {}
-    matrix: dict[str, list[Any]] = {}
-
-
-class _AdjustTable(_Settings):
-    cases: _Names
-
-
-class _SuiteTable(_Table):
-    title: str = ""
-    defaults: _Settings = _Settings()
-    meshes: dict[str, _Name] = {}
-    cameras: dict[str, _Name] = {}
-    lights: dict[str, _Names] = {}
-    environments: dict[str, Annotated[_EnvironmentTable, BeforeValidator(_environment)]] = {}
-    tolerances: dict[str, _ToleranceTable] = {}
-    case: Annotated[list[_CaseTable], Field(min_length=1)]
-    adjust: list[_AdjustTable] = []
-
-
-_SETTINGS = tuple(_Settings.model_fields)
 _IN_MATRIX = ("mesh", "camera", "light", "environment", "size", "element")
 _INPUT = "input:"
 
@@ -184,124 +88,17 @@ def load(path: Path, allow_external: bool = False) -> Suite:
     if path.is_dir():
         if next(path.rglob("*.mtlx"), None) is None:
             raise MrmError(f"{path}: no .mtlx file in this folder")
-        table = _SuiteTable(case=[_CaseTable(material=["**/*.mtlx"])])
+        table = SuiteTable(case=[CaseTable(material=["**/*.mtlx"])])
         return _Maker(path, path, table, allow_external, lambda keys: str(path)).suite()
-    text = _text(path)
-    try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SuiteError([_syntax_fault(path, str(error))]) from None
-    except (RecursionError, ValueError) as error:  # nested too deeply; a number of too many digits
-        raise SuiteError([f"{path}: {error}"]) from None
-    lines = _Lines(text)
-
-    def where(keys: Sequence[str | int]) -> str:
-        return f"{path}:{lines.of(keys)}: {_dotted(keys)}"
-
-    try:
-        table = _SuiteTable.model_validate(content)
-    except pydantic.ValidationError as error:
-        raise SuiteError([f"{where(keys)}: {message}" for keys, message in _faults(error)]) from None
+    table, where = read_table(path)
     return _Maker(path, path.parent, table, allow_external, where).suite()
-
-
-def _text(path: Path) -> str:
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise MrmError(f"{path}: larger than {LARGEST_FILE >> 20} MiB, which is no suite")
-        return path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError as error:
-        raise SuiteError([f"{path}: not UTF-8 text (byte {error.start})"]) from None
-
-
-def _syntax_fault(path: Path, message: str) -> str:
-    place = re.search(r" \(at line (\d+), column (\d+)\)$", message)
-    if place is None:
-        return f"{path}: not TOML: {message.removesuffix(' (at end of document)')}"
-    return f"{path}:{place[1]}: not TOML: {message[: place.start()]}, column {place[2]}"
-
-
-def _dotted(keys: Sequence[str | int]) -> str:
-    """Keys as TOML names them; the first [[case]] is case 1."""
-    text = ""
-    for key in keys:
-        text += f" {key + 1}" if isinstance(key, int) else f"{'.' if text else ''}{key}"
-    return text or "the file"
-
-
-def _faults(error: pydantic.ValidationError) -> Iterator[tuple[tuple[str | int, ...], str]]:
-    """Where the faults of a table lie, and what is expected there."""
-    for each in error.errors(include_url=False):
-        keys = each["loc"]
-        message = each["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
-        if each["type"] == "extra_forbidden":
-            message = f"unknown key; {suggestion(str(keys[-1]), _keys_beside(keys))}"
-        elif each["type"] == "missing":
-            message = "is missing"
-        elif not message.startswith("a size"):
-            message = f"expected {message[:1].lower()}{message[1:]}"
-        yield keys, message
-
-
-def _keys_beside(keys: Sequence[str | int]) -> Iterable[str]:
-    tables: dict[Any, type[BaseModel]] = {
-        "defaults": _Settings,
-        "tolerances": _ToleranceTable,
-        "environments": _EnvironmentTable,
-        "case": _CaseTable,
-        "adjust": _AdjustTable,
-    }
-    return (tables.get(keys[0], _SuiteTable) if len(keys) > 1 else _SuiteTable).model_fields
-
-
-class _Lines:
-    """The lines on which a TOML's keys stand. A key inside an inline table stands where that begins."""
-
-    _HEADER = re.compile(r"\s*(\[\[?)\s*([^\]]+?)\s*\]\]?\s*(?:#.*)?$")
-    _KEY = re.compile(
-        r"""\s*((?:"(?:[^"\\]|\\.)*"|'[^']*'|[\w-]+)(?:\s*\.\s*(?:"[^"]*"|'[^']*'|[\w-]+))*)\s*="""
-    )
-    _PART = re.compile(r"""\s*(?:"((?:[^"\\]|\\.)*)"|'([^']*)'|([\w-]+))\s*\.?""")
-
-    def __init__(self, text: str) -> None:
-        self._lines: dict[tuple[str | int, ...], int] = {(): 1}
-        counts: dict[tuple[str | int, ...], int] = {}
-        table: tuple[str | int, ...] = ()
-        for number, line in enumerate(text.splitlines(), start=1):
-            header = self._HEADER.match(line)
-            if header is not None and "=" not in re.sub(r'"[^"]*"', "", line.split("#")[0]):
-                names = self._parts(header[2])
-                table = ()
-                for index, name in enumerate(names):
-                    table = (*table, name)
-                    if header[1] == "[[" and index == len(names) - 1:
-                        counts[table] = counts.get(table, -1) + 1
-                    if table in counts:
-                        table = (*table, counts[table])
-                self._lines.setdefault(table, number)
-                continue
-            key = self._KEY.match(line)
-            if key is not None:
-                self._lines.setdefault((*table, *self._parts(key[1])), number)
-
-    def _parts(self, dotted: str) -> list[str]:
-        return [next(part for part in found if part) for found in self._PART.findall(dotted) if any(found)]
-
-    def of(self, keys: Sequence[str | int]) -> int:
-        """The line of a key, or of the nearest table around it."""
-        for count in range(len(keys), -1, -1):
-            if tuple(keys[:count]) in self._lines:
-                return self._lines[tuple(keys[:count])]
-        return 1
 
 
 class _Maker:
     """Makes the cases of one suite."""
 
     def __init__(
-        self, path: Path, folder: Path, table: _SuiteTable, allow_external: bool, where: Any
+        self, path: Path, folder: Path, table: SuiteTable, allow_external: bool, where: Where
     ) -> None:
         self._path = path
         self._folder = Path(os.path.abspath(folder))  # noqa: PTH100  links stay as the user wrote them
@@ -319,25 +116,25 @@ class _Maker:
                 for case in self._cases(index, table):
                     if case.name in cases:
                         _, other = cases[case.name]
-                        raise _Fault(
+                        raise Fault(
                             ("case", index),
                             f"the name {case.name} is taken by case {other + 1}: "
                             'give one of them a `name`, such as name = "{material}-2"',
                         )
                     cases[case.name] = (case, index)
                     if len(cases) > MOST_CASES:
-                        raise _Fault(("case", index, "matrix"), f"more than {MOST_CASES} cases")
-            except _Fault as fault:
+                        raise Fault(("case", index, "matrix"), f"more than {MOST_CASES} cases")
+            except Fault as fault:
                 self._note(fault)
         for index, adjust in enumerate(self._table.adjust):
             unused = [p for p in adjust.cases if not any(fnmatchcase(name, p) for name in cases)]
             if unused and not self._faults:
-                self._note(_Fault(("adjust", index, "cases"), f"no case matches {unused[0]}"))
+                self._note(Fault(("adjust", index, "cases"), f"no case matches {unused[0]}"))
         if self._faults:
             raise SuiteError(list(dict.fromkeys(self._faults)))
         return Suite(self._path, self._table.title, self._rooted([case for case, _ in cases.values()]))
 
-    def _note(self, fault: _Fault) -> None:
+    def _note(self, fault: Fault) -> None:
         self._faults.append(f"{self._where(fault.keys)}: {fault.message}")
 
     def _check_names(self) -> None:
@@ -353,29 +150,29 @@ class _Maker:
                 try:
                     check(name)
                 except MrmError as error:
-                    self._note(_Fault((kind, name), str(error)))
+                    self._note(Fault((kind, name), str(error)))
 
-    def _cases(self, index: int, table: _CaseTable) -> Iterator[MaterialCase]:
+    def _cases(self, index: int, table: CaseTable) -> Iterator[MaterialCase]:
         here: tuple[str | int, ...] = ("case", index)
         for axis, values in table.matrix.items():
             if not axis.startswith(_INPUT) and axis not in _IN_MATRIX:
                 known = [*_IN_MATRIX, f"{_INPUT}NODE/INPUT"]
-                raise _Fault((*here, "matrix", axis), f"unknown axis; {suggestion(axis, known)}")
+                raise Fault((*here, "matrix", axis), f"unknown axis; {suggestion(axis, known)}")
             if not values:
-                raise _Fault((*here, "matrix", axis), "an empty list makes no case")
+                raise Fault((*here, "matrix", axis), "an empty list makes no case")
             if axis in table.model_fields_set or axis.removeprefix(_INPUT) in table.input:
-                raise _Fault((*here, "matrix", axis), "is also given outside of the matrix")
+                raise Fault((*here, "matrix", axis), "is also given outside of the matrix")
         count = math.prod(map(len, table.matrix.values()))
         if count > MOST_CASES:
-            raise _Fault((*here, "matrix"), f"makes {count} cases; at most {MOST_CASES}")
+            raise Fault((*here, "matrix"), f"makes {count} cases; at most {MOST_CASES}")
         if table.element is not None and len(table.element) > 1 and "element" in table.matrix:
-            raise _Fault((*here, "element"), "is also an axis of the matrix")
+            raise Fault((*here, "element"), "is also an axis of the matrix")
         for material, label in self._materials(here, table):
             for combination in itertools.product(*table.matrix.values()):
                 chosen = dict(zip(table.matrix, combination, strict=True))
                 yield from self._of_elements(here, table, material, label, chosen)
 
-    def _materials(self, here: tuple[str | int, ...], table: _CaseTable) -> Iterator[tuple[str, str]]:
+    def _materials(self, here: tuple[str | int, ...], table: CaseTable) -> Iterator[tuple[str, str]]:
         """The files that a case names, relative to the suite's folder, and what they are called in names."""
         for pattern in table.material:
             try:
@@ -385,11 +182,11 @@ class _Maker:
                     if external.is_file(self._folder / name) and not self._is_reported(name)
                 )
             except (ValueError, OSError, re.error) as error:
-                raise _Fault((*here, "material"), f"{pattern}: {error}") from None
+                raise Fault((*here, "material"), f"{pattern}: {error}") from None
             if not found:
                 beside = [str(file.relative_to(self._folder)) for file in self._folder.glob("*.mtlx")]
                 beside += [str(file.relative_to(self._folder)) for file in self._folder.glob("*/*.mtlx")]
-                raise _Fault((*here, "material"), f"no file matches {pattern}; {suggestion(pattern, beside)}")
+                raise Fault((*here, "material"), f"no file matches {pattern}; {suggestion(pattern, beside)}")
             fixed = Path(re.split(r"[*?\[]", pattern)[0] + "x").parent if glob.has_magic(pattern) else None
             for name in found:
                 inner = Path(name).relative_to(fixed) if fixed is not None else Path(Path(name).name)
@@ -403,7 +200,7 @@ class _Maker:
     def _of_elements(
         self,
         here: tuple[str | int, ...],
-        table: _CaseTable,
+        table: CaseTable,
         material: str,
         label: str,
         chosen: Mapping[str, Any],
@@ -412,12 +209,12 @@ class _Maker:
             document = self._document(material)
             known = materials_of(document, material)
         except MrmError as error:
-            raise _Fault((*here, "material"), str(error)) from None
+            raise Fault((*here, "material"), str(error)) from None
         wanted = chosen.get("element", table.element)
-        elements = known if wanted is None else _listed(wanted)
+        elements = known if wanted is None else listed(wanted)
         for element in elements:
             if not isinstance(element, str) or document.getDescendant(element) is None:
-                raise _Fault(
+                raise Fault(
                     (*here, "element"), f"{material} has no {element}; {suggestion(str(element), known)}"
                 )
             parts = [label]
@@ -428,7 +225,7 @@ class _Maker:
     def _case(
         self,
         here: tuple[str | int, ...],
-        table: _CaseTable,
+        table: CaseTable,
         material: str,
         element: str,
         parts: list[str],
@@ -443,14 +240,14 @@ class _Maker:
         if table.name is not None:
             name = self._named(here, table.name, {"material": parts[0], "element": element, **names})
         if len(name) > LONGEST_NAME:
-            raise _Fault((*here, "name"), f"{name[:40]}… has {len(name)} letters; at most {LONGEST_NAME}")
+            raise Fault((*here, "name"), f"{name[:40]}… has {len(name)} letters; at most {LONGEST_NAME}")
         settings = self._settings(here, table, name, chosen)
         inputs, files = self._inputs(here, table, material, chosen)
         try:
             options = self._resolved(settings)
-        except _Fault as fault:
+        except Fault as fault:
             keys = self._given_at(here, table, name, chosen, str(fault.keys[0]))
-            raise _Fault(keys, fault.message) from None
+            raise Fault(keys, fault.message) from None
         truth, reason = self._truth(here, material, element, inputs, settings)
         return MaterialCase(
             name=name,
@@ -466,7 +263,7 @@ class _Maker:
         )
 
     def _inputs(
-        self, here: tuple[str | int, ...], table: _CaseTable, material: str, chosen: Mapping[str, Any]
+        self, here: tuple[str | int, ...], table: CaseTable, material: str, chosen: Mapping[str, Any]
     ) -> tuple[dict[str, Value], list[str]]:
         """The values of a case's inputs, and the files that they name."""
         given = {(*here, "input", path): (path, value) for path, value in table.input.items()}
@@ -480,7 +277,7 @@ class _Maker:
             try:
                 files += self._checked(material, path, inputs[path])
             except MrmError as error:
-                raise _Fault(keys, str(error)) from None
+                raise Fault(keys, str(error)) from None
         return inputs, files
 
     def _named(self, here: tuple[str | int, ...], template: str, names: Mapping[str, str]) -> str:
@@ -490,38 +287,38 @@ class _Maker:
         def fill(found: re.Match[str]) -> str:
             if found[1] not in known:
                 shown = [f"{{{each}}}" for each in known]
-                raise _Fault((*here, "name"), f"unknown {found[0]}; {suggestion(found[0], shown)}")
+                raise Fault((*here, "name"), f"unknown {found[0]}; {suggestion(found[0], shown)}")
             return known[found[1]]
 
         return _safe(re.sub(r"\{([^{}]*)\}", fill, template))
 
-    def _adjustments(self, name: str) -> Iterator[tuple[int, _AdjustTable]]:
+    def _adjustments(self, name: str) -> Iterator[tuple[int, AdjustTable]]:
         for index, adjust in enumerate(self._table.adjust):
             if any(fnmatchcase(name, pattern) for pattern in adjust.cases):
                 yield index, adjust
 
     def _settings(
-        self, here: tuple[str | int, ...], table: _CaseTable, name: str, chosen: Mapping[str, Any]
-    ) -> _Settings:
+        self, here: tuple[str | int, ...], table: CaseTable, name: str, chosen: Mapping[str, Any]
+    ) -> Settings:
         """The defaults, what the case says, its place in the matrix, and what adjusts it, each over the one before."""
         given: dict[str, Any] = {}
         for source in (self._table.defaults, table):
-            given |= {key: getattr(source, key) for key in _SETTINGS if getattr(source, key) is not None}
+            given |= {key: getattr(source, key) for key in SETTINGS if getattr(source, key) is not None}
         for axis, value in chosen.items():
-            if axis in _SETTINGS:
+            if axis in SETTINGS:
                 try:
-                    given[axis] = getattr(_Settings.model_validate({axis: value}), axis)
+                    given[axis] = getattr(Settings.model_validate({axis: value}), axis)
                 except pydantic.ValidationError as error:
-                    _, message = next(_faults(error))
-                    raise _Fault((*here, "matrix", axis), message) from None
+                    _, message = next(faults(error))
+                    raise Fault((*here, "matrix", axis), message) from None
         for _, adjust in self._adjustments(name):
-            given |= {key: getattr(adjust, key) for key in _SETTINGS if getattr(adjust, key) is not None}
-        return _Settings.model_construct(**given)
+            given |= {key: getattr(adjust, key) for key in SETTINGS if getattr(adjust, key) is not None}
+        return Settings.model_construct(**given)
 
     def _given_at(
         self,
         here: tuple[str | int, ...],
-        table: _CaseTable,
+        table: CaseTable,
         name: str,
         chosen: Mapping[str, Any],
         key: str,
@@ -534,7 +331,7 @@ class _Maker:
             return (*here, "matrix", key)
         return (*here, key) if getattr(table, key) is not None else ("defaults", key)
 
-    def _resolved(self, settings: _Settings) -> dict[str, Any]:
+    def _resolved(self, settings: Settings) -> dict[str, Any]:
         """A case's fields for its settings."""
         makers: dict[str, Any] = {
             "mesh": self._mesh,
@@ -551,7 +348,7 @@ class _Maker:
                 try:
                     fields["lights" if key == "light" else key] = make(value)
                 except MrmError as error:
-                    raise _Fault((key,), str(error)) from None
+                    raise Fault((key,), str(error)) from None
         if settings.size is not None:
             fields["size"] = settings.size
         if settings.time_limit is not None:
@@ -590,7 +387,7 @@ class _Maker:
         return tuple(lights)
 
     def _environment(self, name: str) -> EnvironmentMap:
-        table = self._table.environments.get(name) or _EnvironmentTable(map=name)
+        table = self._table.environments.get(name) or EnvironmentTable(map=name)
         if table.map not in BUILT_IN_ENVIRONMENTS and not external.is_file(self._folder / table.map):
             known = [*BUILT_IN_ENVIRONMENTS, *self._table.environments]
             raise MrmError(
@@ -613,11 +410,11 @@ class _Maker:
             return value
         numbers = value if isinstance(value, list) else [value]
         if not numbers or not all(isinstance(n, int | float) and not isinstance(n, bool) for n in numbers):
-            raise _Fault(
+            raise Fault(
                 keys, f"{value!r} is no value of an input: a number, a list of numbers, text, true or false"
             )
         if not all(abs(n) < 3.4e38 for n in numbers):
-            raise _Fault(keys, f"{value!r} is no finite number of 32 bits")
+            raise Fault(keys, f"{value!r} is no finite number of 32 bits")
         return tuple(map(float, value)) if isinstance(value, list) else float(value)
 
     def _truth(
@@ -626,18 +423,18 @@ class _Maker:
         material: str,
         element: str,
         inputs: Mapping[str, Value],
-        settings: _Settings,
+        settings: Settings,
     ) -> tuple[Truth, str]:
         wanted = settings.truth or "auto"
         surrounded = settings.environment is not None
         try:
             unknown = self._unknown(material, element, tuple(sorted(inputs.items())), surrounded)
         except MrmError as error:
-            raise _Fault((*here, "input" if inputs else "material"), str(error)) from None
+            raise Fault((*here, "input" if inputs else "material"), str(error)) from None
         if wanted == "baseline":
             return "baseline", "the suite says so"
         if wanted == "physics" and unknown:
-            raise _Fault((*here, "truth"), f'{material}: {unknown}: write truth = "baseline" or "auto"')
+            raise Fault((*here, "truth"), f'{material}: {unknown}: write truth = "baseline" or "auto"')
         return ("baseline", unknown) if unknown else ("physics", "the evaluator knows all of its lobes")
 
     @functools.cache  # noqa: B019  as long as the maker lives

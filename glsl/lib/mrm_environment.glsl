@@ -5,12 +5,17 @@
 #if MRM_ENVIRONMENT == MRM_ENVIRONMENT_FIS
 
 // Filtered importance sampling, Krivanek and Colbert 2008, with the host's sampler and filter and the node's own lobe.
-vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe)
+vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe, vec2 AB, vec3 F)
 {
     X = normalize(X - dot(X, N) * N);
     vec3 Y = cross(N, X);
     vec3 Vt = vec3(dot(V, X), dot(V, Y), clamp(dot(V, N), M_FLOAT_EPS, 1.0));
-    float G1 = 2.0 * Vt.z / (Vt.z + length(vec3(Vt.xy * lobe.alpha, Vt.z)));
+    float smithV = mrm_smith(Vt, lobe);
+    // What is drawn are the visible normals of GGX, whatever the node asks for.
+    MrmLobe drawn = lobe;
+    drawn.distribution = MRM_GGX;
+    float G1 = 2.0 / (1.0 + mrm_smith(Vt, drawn));
+    float perNormal = G1 / (4.0 * Vt.z);
 
     // The frame in the space of the map: a rotation less in the loop.
     vec3 mapX = normalize(MRM_MATRIX_MUL($envMatrix, vec4(X, 0.0)).xyz);
@@ -25,7 +30,8 @@ vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData f
         vec3 Ht = mx_ggx_importance_sample_VNDF(mx_spherical_fibonacci(i, count), Vt, lobe.alpha);
         float VdotH = clamp(dot(Vt, Ht), M_FLOAT_EPS, 1.0);
         vec3 Lt = 2.0 * VdotH * Ht - Vt;
-        float pdf = mx_ggx_NDF(Ht, lobe.alpha) * G1 / (4.0 * Vt.z);
+        float sampled = mx_ggx_NDF(Ht, lobe.alpha);
+        float pdf = sampled * perNormal;
 
         vec3 up = mapN * Lt.z;
         vec3 across = mapX * Lt.x + mapY * Lt.y;
@@ -41,19 +47,23 @@ vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData f
             Li = Li + retro * mx_latlong_map_lookup(up - across, identity, lod, $envRadiance);
         }
 
-        vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
-        float D = mrm_ndf(Ht, lobe);
+        vec3 FH = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
         Lt.z = max(Lt.z, M_FLOAT_EPS);
-        float G = mrm_is_vcavity(lobe) ? mrm_vcavity(Vt.z, Lt.z, Ht.z, VdotH) : mrm_smith(Vt, Lt, lobe);
-        radiance = radiance + F * Li * (D * G / (4.0 * Vt.z * pdf));
+        float G = mrm_is_vcavity(lobe) ? mrm_vcavity(Vt.z, Lt.z, Ht.z, VdotH) : 2.0 / (smithV + mrm_smith(Lt, lobe));
+        if (lobe.distribution != MRM_GGX)
+        {
+            G = G * (mrm_ndf(Ht, lobe) / sampled);
+        }
+        radiance = radiance + FH * Li * G;
     }
-    return count == 0 ? vec3(0.0) : radiance * ($envLightIntensity / float(count));
+    return count == 0 ? vec3(0.0) : radiance * ($envLightIntensity / (G1 * float(count)));
 }
 
 #elif MRM_ENVIRONMENT == MRM_ENVIRONMENT_PREFILTER
 
 // The host's prefiltered method: GGX with Smith, whatever the node asks for. The mirror's retro twin looks back along V.
-vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe)
+// AB, F: the split sum of the lobe's directional albedo and Fresnel at N.V, as the host's mx_ggx_dir_albedo joins them.
+vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe, vec2 AB, vec3 F)
 {
     float alpha = mx_average_alpha(lobe.alpha);
     float lod = mx_latlong_alpha_to_lod(alpha);
@@ -66,14 +76,18 @@ vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData f
     {
         Li = Li + retro * mx_latlong_map_lookup(V, $envMatrix, lod, $envRadiance);
     }
-    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
-    return Li * mx_ggx_dir_albedo(NdotV, alpha, fd) * $envLightIntensity;
+    vec3 albedo = mrm_f0(fd) * AB.x + mrm_f90(fd) * AB.y;
+    if (fd.airy)
+    {
+        albedo = mix(F, albedo, sqrt(alpha));
+    }
+    return Li * albedo * $envLightIntensity;
 }
 
 #else
 
 // The host's own function, once for each lobe: GGX with Smith, whatever the node asks for.
-vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe)
+vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData fd, MrmLobe lobe, vec2 AB, vec3 F)
 {
     vec3 Li = vec3(0.0);
     if (retro < 1.0)

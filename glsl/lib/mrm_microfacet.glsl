@@ -38,38 +38,21 @@ float mrm_ndf(vec3 Ht, MrmLobe lobe)
         return mx_ggx_NDF(Ht, lobe.alpha);
     }
     vec2 slope = Ht.xy / Ht.z;
-    float cos2 = Ht.z * Ht.z;
-    if (lobe.distribution == MRM_BECKMANN)
-    {
-        // [Heitz] eq. 79
-        vec2 s = slope / lobe.alpha;
-        return exp(-dot(s, s)) / (M_PI * lobe.alpha.x * lobe.alpha.y * cos2 * cos2);
-    }
-    // Ashikhmin and Shirley 2000, normalized to a projected area of one, with exponents 2 / alpha^2 - 2:
-    // cos^e = (1 + tan^2)^(-e/2) keeps its digits at exponents of a million.
-    vec2 halfExponent = vec2(1.0) / (lobe.alpha * lobe.alpha) - vec2(1.0);
     vec2 slope2 = slope * slope;
-    float tan2 = slope2.x + slope2.y;
-    float growth = tan2 > 0.0 ? mrm_log1p(tan2) / tan2 : 1.0;
-    return exp(-growth * dot(halfExponent, slope2)) / (M_PI * lobe.alpha.x * lobe.alpha.y);
-}
-
-// Smith's Lambda of the Beckmann distribution, [Heitz] eq. 67 and 86, with erfc from
-// Abramowitz and Stegun 7.1.26 (1.5e-7): the exponential is common to both of its terms.
-float mrm_lambda_beckmann(vec3 Wt, vec2 alpha)
-{
-    vec2 stretched = Wt.xy * alpha;
-    float a = Wt.z / max(length(stretched), M_FLOAT_EPS);
-    float t = 1.0 / (1.0 + 0.3275911 * a);
-    float erfcx = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
-    return 0.5 * exp(-a * a) * (0.5641895835 / a - erfcx);
-}
-
-// Square of the roughness that a direction sees, [Heitz] eq. 80; alpha itself where both are equal.
-float mrm_projected_alpha2(vec3 Wt, vec2 alpha)
-{
-    vec2 stretched = Wt.xy * alpha;
-    return dot(stretched, stretched) / max(dot(Wt.xy, Wt.xy), M_FLOAT_EPS);
+    vec2 width2 = lobe.alpha * lobe.alpha;
+    // [Heitz] eq. 79
+    float exponent = dot(slope2, vec2(1.0) / width2);
+    float cos4 = mx_square(Ht.z * Ht.z);
+    if (lobe.distribution == MRM_PHONG)
+    {
+        // Ashikhmin and Shirley 2000, normalized to a projected area of one, with exponents 2 / alpha^2 - 2:
+        // cos^e = (1 + tan^2)^(-e/2) keeps its digits at exponents of a million.
+        float tan2 = slope2.x + slope2.y;
+        float growth = tan2 > 0.0 ? mrm_log1p(tan2) / tan2 : 1.0;
+        exponent = growth * dot(slope2, vec2(1.0) / width2 - vec2(1.0));
+        cos4 = 1.0;
+    }
+    return exp(-exponent) / (M_PI * lobe.alpha.x * lobe.alpha.y * cos4);
 }
 
 bool mrm_is_vcavity(MrmLobe lobe)
@@ -77,20 +60,24 @@ bool mrm_is_vcavity(MrmLobe lobe)
     return lobe.masking == MRM_VCAVITY || lobe.distribution == MRM_PHONG;
 }
 
-// Smith's masking and shadowing of both directions: the same for a direction and its mirror about the normal.
-float mrm_smith(vec3 Vt, vec3 Lt, MrmLobe lobe)
+// 1 + 2 Lambda of Smith's masking, the same for a direction and its mirror about the normal.
+// Masking is 2 / (1 + smith(V)), [Heitz] eq. 43; with shadowing it is 2 / (smith(V) + smith(L)), eq. 99.
+float mrm_smith(vec3 Wt, MrmLobe lobe)
 {
+    // The roughness that the direction sees, [Heitz] eq. 80 and 86, times its tangent is length(stretched) / Wt.z.
+    vec2 stretched = Wt.xy * lobe.alpha;
+    float stretched2 = dot(stretched, stretched);
     if (lobe.distribution == MRM_BECKMANN)
     {
-        // [Heitz] eq. 99
-        return 1.0 / (1.0 + mrm_lambda_beckmann(Vt, lobe.alpha) + mrm_lambda_beckmann(Lt, lobe.alpha));
+        // [Heitz] eq. 67, with erfc from Abramowitz and Stegun 7.1.26 (1.5e-7):
+        // the exponential is common to both of its terms.
+        float a = Wt.z / max(sqrt(stretched2), M_FLOAT_EPS);
+        float t = 1.0 / (1.0 + 0.3275911 * a);
+        float erfcx = t * (0.254829592 + t * (-0.284496736 + t * (1.421413741 + t * (-1.453152027 + t * 1.061405429))));
+        return 1.0 + exp(-a * a) * (0.5641895835 / a - erfcx);
     }
-    // [Heitz] eq. 72, 86 and 99, as MaterialX writes them, but with each direction's own roughness.
-    float alphaV2 = mrm_projected_alpha2(Vt, lobe.alpha);
-    float alphaL2 = mrm_projected_alpha2(Lt, lobe.alpha);
-    float lambdaV = sqrt(alphaV2 + (1.0 - alphaV2) * mx_square(Vt.z));
-    float lambdaL = sqrt(alphaL2 + (1.0 - alphaL2) * mx_square(Lt.z));
-    return 2.0 * Lt.z * Vt.z / (lambdaL * Vt.z + lambdaV * Lt.z);
+    // [Heitz] eq. 72
+    return sqrt(stretched2 + Wt.z * Wt.z) / Wt.z;
 }
 
 // V-cavity masking and shadowing: [MRM] eq. 9 for both directions; the smaller of the two, [Heitz] section 4.
@@ -165,15 +152,25 @@ vec2 mrm_directional_albedo(float NdotV, MrmLobe lobe)
     return clamp(r.xy / r.zw, 0.0, 1.0);
 }
 
+// Fresnel reflectance at normal and at grazing incidence, for what the host computes from these two alone.
+vec3 mrm_f0(FresnelData fd)
+{
+    return mx_compute_fresnel(1.0, fd);
+}
+
+vec3 mrm_f90(FresnelData fd)
+{
+    return fd.model == FRESNEL_MODEL_SCHLICK && !fd.airy ? fd.F90 : vec3(1.0);
+}
+
 // Turquin's compensation factor as the host's own nodes have it, for a single-scattering albedo E of a white lobe.
 // F: Fresnel reflectance of the light's half vector, or of N.V where light comes from an environment.
 vec3 mrm_energy_compensation(vec3 F, FresnelData fd, float E)
 {
 #if MRM_COMPENSATION_BY_AVERAGE_FRESNEL
     // The cosine-weighted average of Schlick's curve over the hemisphere, whatever the curve.
-    vec3 F0 = mx_compute_fresnel(1.0, fd);
-    vec3 F90 = fd.model == FRESNEL_MODEL_SCHLICK && !fd.airy ? fd.F90 : vec3(1.0);
-    F = F0 + (F90 - F0) * (1.0 / 21.0);
+    vec3 F0 = mrm_f0(fd);
+    F = F0 + (mrm_f90(fd) - F0) * (1.0 / 21.0);
 #endif
     return vec3(1.0) + F * ((1.0 - E) / E);
 }
@@ -193,7 +190,7 @@ vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float NdotV, float N
     compensation = mrm_energy_compensation(F, fd, E);
     if (mrm_is_vcavity(lobe))
     {
-        scale = scale * mrm_vcavity(NdotV, NdotL, Ht.z, halfCosine);
+        scale = scale * mrm_vcavity(NdotV, NdotL, Ht.z, VdotH);
     }
     return F * compensation * (mrm_ndf(Ht, lobe) * scale);
 }
@@ -225,7 +222,7 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
         float NdotL = clamp(dot(N, L), M_FLOAT_EPS, 1.0);
         vec3 Vt = vec3(dot(V, X), dot(V, Y), NdotV);
         vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
-        float scale = (mrm_is_vcavity(lobe) ? 1.0 : mrm_smith(Vt, Lt, lobe)) / (4.0 * NdotV);
+        float scale = (mrm_is_vcavity(lobe) ? 1.0 : 2.0 / (mrm_smith(Vt, lobe) + mrm_smith(Lt, lobe))) / (4.0 * NdotV);
 
         vec3 forward = vec3(0.0);
         vec3 forwardCompensation = vec3(1.0);
@@ -257,7 +254,7 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
 
         if (closureData.closureType == CLOSURE_TYPE_INDIRECT)
         {
-            vec3 Li = mrm_environment_radiance(N, V, X, retro, fd, lobe);
+            vec3 Li = mrm_environment_radiance(N, V, X, retro, fd, lobe, AB, F);
             response = Li * compensation;
         }
     }

@@ -4,30 +4,60 @@ import itertools
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from nasty import Nasty
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.regression import suites
+from mrm_nodes.regression.bench import write_obj
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.cluster import Cluster, Store, dask_cluster
 from mrm_nodes.regression.inputs import digest
 from mrm_nodes.regression.run import run_suite
+from mrm_nodes.render.images import write_exr
+from mrm_nodes.render.mesh import sphere
 
 BY_LIGHTS = [case for case in default_suite() if case.environment is None]
 IMAGES = [replace(case, size=(48, 48)) for case in BY_LIGHTS[::12]]
+MATERIAL = """<materialx version="1.39">
+  <image name="worn" type="float"><input name="file" type="filename" value="tex/worn.exr"/></image>
+  <mrm_conductor_bsdf name="bsdf" type="BSDF">
+    <input name="roughness" type="vector2" value="0.3, 0.3"/>
+    <input name="retroreflectivity" type="float" nodename="worn"/>
+  </mrm_conductor_bsdf>
+  <surface name="surface" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="bsdf"/></surface>
+  <surfacematerial name="m" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="surface"/>
+  </surfacematerial>
+</materialx>
+"""
+SUITE = """
+[[case]]
+name = "own"
+material = "m.mtlx"
+mesh = "ball.obj"
+light = ["camera"]
+size = [48, 48]
+"""
 CLOUDS = [Cloud("mrm_conductor_bsdf", configurations=5000)]
 
 
 @pytest.fixture(scope="module")
 def tasks(tmp_path_factory):
-    """Images, a cloud, and tasks that share files with one another."""
+    """Images, a cloud, a material with a texture and a mesh of its own, and tasks that share files."""
     folder = tmp_path_factory.mktemp("files")
     files = [folder / "mesh.obj", folder / "texture.exr"]
     for number, file in enumerate(files):
         file.write_bytes(bytes([number]) * 300_000)
     reading = [Nasty(f"reads-{number}", file=file) for number, file in enumerate(files * 5)]
-    return [*IMAGES, *CLOUDS, *reading]
+    (folder / "tex").mkdir()
+    write_exr(folder / "tex" / "worn.exr", np.random.default_rng(0).random((16, 16), np.float32))
+    write_obj(sphere(), folder / "ball.obj")
+    (folder / "m.mtlx").write_text(MATERIAL)
+    (folder / "suite.toml").write_text(SUITE)
+    return [*IMAGES, *CLOUDS, *reading, *suites.suite(str(folder / "suite.toml"))]
 
 
 @pytest.fixture(scope="module")

@@ -138,6 +138,41 @@ def test_samples_follow_the_density_and_average_to_the_albedo(bsdf, v):
     assert (np.abs(energy.mean(axis=0) - bsdf.albedo(v)) <= 4.5 * error + 3e-4).all()
 
 
+class VisibleNormals:
+    """A distribution's visible normals as something that the instrument can ask."""
+
+    def __init__(self, distribution, masking):
+        self.distribution, self.masking = distribution, masking
+
+    def sample(self, v, u):
+        m = self.distribution.sample_visible(v, u, self.masking)
+        return ref.BsdfSample(m, np.ones_like(m), np.ones(len(m)), np.zeros(len(m), bool))
+
+    def pdf(self, v, m):
+        return self.distribution.pdf_visible(v, m, self.masking)
+
+
+NORMALS = [
+    (distribution, masking, shape, v)
+    for distribution in (ref.GGX, ref.Beckmann, ref.Phong)
+    for masking in ("smith", "vcavity")
+    for shape in ((0.5, 0.5), (0.6, 0.3))
+    for v in (OUTSIDE, GRAZING)
+]
+
+
+@pytest.mark.parametrize(("distribution", "masking", "shape", "v"), NORMALS)
+def test_visible_normals_follow_their_density(distribution, masking, shape, v):
+    ChiSquare(VisibleNormals(distribution(*shape), masking), v, count=20_000).check(len(NORMALS))
+
+
+def test_the_instrument_sees_visible_normals_of_another_view():
+    test = ChiSquare(VisibleNormals(ref.Phong(0.5, 0.3), "smith"), OUTSIDE, count=20_000)
+    test.v = np.array([-0.48, 0.36, 0.8])
+    with pytest.raises(AssertionError, match="p = "):
+        test.check(len(NORMALS))
+
+
 def test_the_instrument_sees_a_wrong_density():
     """A density of another roughness, and one of the forward lobe alone, are refused."""
     right = ref.Conductor(0.2, 3.9, 0.4, retroreflectivity=0.3)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import microsurface as surface
-from .checks import CORRELATIONS, MASKINGS, check_unit, choice, directions, pair, scalar
+from .checks import CORRELATIONS, MASKINGS, check_unit, choice, directions, first, pair, scalar
 from .compiled import Array, Kernel, formula, run
 from .sampling import sample_visible_smith, sample_visible_vcavity
 from .single import projected_area
@@ -144,6 +144,19 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
 _ANSWER = Kernel(_answer, 6, 1)
 
 
+def sampling_uniforms(u: ArrayLike, needed: int) -> Array:
+    """Uniforms (..., 3) of which `needed` were asked for; `ValueError` for another shape or range."""
+    uniforms = np.asarray(u, dtype=np.float64)
+    if uniforms.ndim == 0 or uniforms.shape[-1] not in (needed, 3):
+        raise ValueError(f"u must have shape (..., {needed}), not {uniforms.shape}")
+    good = (uniforms >= 0.0) & (uniforms <= 1.0)
+    if not good.all():
+        raise ValueError(f"u must be in [0, 1], not {first(uniforms, ~good)}")
+    if uniforms.shape[-1] == 2:
+        uniforms = np.concatenate([uniforms, np.zeros((*uniforms.shape[:-1], 1))], axis=-1)
+    return uniforms
+
+
 class Distribution:
     """A distribution of normals with roughness `ax` along the tangent and `ay` across, both > 0.
 
@@ -255,16 +268,7 @@ class Distribution:
         """Normals drawn from those visible from v, for uniforms u (..., 2), or (..., 3) for V-cavities.
         Shape (..., 3).
         """
-        uniforms = np.asarray(u, dtype=np.float64)
-        needed = 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2
-        if uniforms.ndim == 0 or uniforms.shape[-1] not in (needed, 3):
-            raise ValueError(
-                f"u must have shape (..., {needed}) for masking {masking!r}, not {uniforms.shape}"
-            )
-        if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
-            raise ValueError("u must be in [0, 1]")
-        if uniforms.shape[-1] == 2:
-            uniforms = np.concatenate([uniforms, np.zeros((*uniforms.shape[:-1], 1))], axis=-1)
+        uniforms = sampling_uniforms(u, 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2)
         return self._ask(_SAMPLE, v=v, l=uniforms, masking=masking, components=3)
 
     def pdf_visible(self, v: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:

@@ -10,7 +10,7 @@ from mrm_nodes.errors import MrmWarning
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.compare import Figures
 from mrm_nodes.regression.inputs import MISSING, Inputs, conditions, digest, key
-from mrm_nodes.regression.journal import checksum
+from mrm_nodes.regression.journal import checksum, line_of
 from mrm_nodes.regression.outcome import Outcome, as_record
 
 KEY = digest(b"key")
@@ -45,9 +45,10 @@ def entry_of(tmp_path):
 
 
 def test_it_gives_back_the_outcome_and_the_files(cache, tmp_path):
-    found, sums = cache.get(KEY, tmp_path / "other")
-    assert as_record(found) == as_record(outcome())
-    assert sums == {"cases/render.exr": checksum(CONTENTS)}
+    found, line = cache.get(KEY, tmp_path / "other")
+    assert as_record(found.outcome) == as_record(outcome())
+    assert found.sums == {"cases/render.exr": checksum(CONTENTS)}
+    assert line == line_of(found).encode()
     assert (tmp_path / "other" / "cases" / "render.exr").read_bytes() == CONTENTS
     assert cache.get(digest(b"another"), tmp_path) is None
 

@@ -46,8 +46,8 @@ class Cache:
         self._works = True
         self._added = False
 
-    def get(self, key: str, folder: Path) -> tuple[Outcome, Sums] | None:
-        """Put a result's files below a folder and return its outcome and their checksums; None if there is none.
+    def get(self, key: str, folder: Path) -> tuple[Entry, bytes] | None:
+        """Put a result's files below a folder and return the result, and its line of a journal; None if there is none.
 
         Warns (MrmWarning) of an entry that is damaged, and removes it.
 
@@ -70,7 +70,7 @@ class Cache:
             os.utime(place / _OUTCOME)
         for number, name in enumerate(entry.sums):
             _link(f"{place}/{number}", f"{folder}/{name}")
-        return entry.outcome, entry.sums
+        return entry, line
 
     def put(self, key: str, outcome: Outcome, folder: Path, sums: Sums) -> None:
         """Keep an outcome and its files, which lie below a folder. Warns (MrmWarning) once where that fails."""

@@ -81,7 +81,14 @@ class Journal:
         Raises:
             OSError: there is no room.
         """
-        line = line_of(Entry(outcome, sums)).encode()
+        self.add_line(line_of(Entry(outcome, sums)).encode())
+
+    def add_line(self, line: bytes) -> None:
+        """Add what `line_of` gave.
+
+        Raises:
+            OSError: there is no room.
+        """
         if os.write(self._file, line) != len(line):
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 

@@ -265,7 +265,7 @@ class _Run:
 
     def take_from_cache(self) -> None:
         """Note the outcomes that are known from other runs, and write their files."""
-        if self._cache is None:
+        if self._cache is None or self._journal is None:
             return
         found = 0
         for backend in self._plan.drivers:
@@ -273,7 +273,9 @@ class _Run:
                 known = self._cache.get(self._keys[f"{backend} {task.name}"], self._folder)
                 if known is not None:
                     found += 1
-                    self._note(*known)
+                    entry, line = known
+                    self._journal.add_line(line)
+                    self._show(entry.outcome)
         self.environment["cached"] = found
 
     def accept(self, judged: Judged) -> None:

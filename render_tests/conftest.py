@@ -1,10 +1,20 @@
 """One worker per backend and session; a backend that is missing skips its tests, or fails them where it is required."""
 
+import os
+import tempfile
+
 import pytest
 
 from mrm_nodes.regression.run import required_backends
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render.context import BACKENDS, probe_backends
+
+
+def pytest_configure(config):
+    """Runs that tests start know no results of earlier ones."""
+    cache = tempfile.TemporaryDirectory(prefix="mrm-nodes-tests-", ignore_cleanup_errors=True)
+    config.add_cleanup(cache.cleanup)
+    os.environ["XDG_CACHE_HOME"] = cache.name
 
 
 @pytest.fixture(scope="session", params=BACKENDS)

@@ -1,11 +1,20 @@
-"""Tests that stand for a client of the node library say so: their results make the table of clients."""
+"""Tests that stand for a client of the node library say so: their results make the table of clients.
+
+Runs that tests start keep their results to themselves.
+"""
 
 from __future__ import annotations
+
+import os
+import tempfile
 
 import pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    cache = tempfile.TemporaryDirectory(prefix="mrm-nodes-tests-", ignore_cleanup_errors=True)
+    config.add_cleanup(cache.cleanup)
+    os.environ["XDG_CACHE_HOME"] = cache.name
     config.addinivalue_line(
         "markers", "client(name): a row of the table of clients; {x} in it stands for the test's parameter x"
     )

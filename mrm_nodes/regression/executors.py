@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
+from mrm_nodes.regression.outcome import Outcome, Task, outcome_of, time_limit_of
 
 TIME_LIMIT = 600.0
 """Seconds that a case may take."""
@@ -154,7 +154,7 @@ class WorkerProcess:
     def give(self, task: Task, folder: Path, time_limit: float) -> None:
         """Start a task, whose files go below an empty folder."""
         self.task, self.folder = task, folder
-        self._limit, self._started = time_limit, time.monotonic()
+        self._limit, self._started = time_limit_of(task, time_limit), time.monotonic()
         # A process that just died says so when its answer is asked for.
         with contextlib.suppress(OSError):
             self.connection.send((task, folder))

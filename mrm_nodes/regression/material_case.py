@@ -24,7 +24,7 @@ from mrm_nodes.regression.physics import Points, light_tree, shade_tree
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.tolerance import Tolerance, compare_images
 from mrm_nodes.regression.workshop import Workshop
-from mrm_nodes.render.environment import Environment, find_environment
+from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment, find_environment
 from mrm_nodes.render.images import read_image
 from mrm_nodes.render.mesh import BUILT_IN, Mesh
 from mrm_nodes.render.meshfile import load_mesh
@@ -144,7 +144,7 @@ class MaterialCase:
 
 
 def _is_built_in(environment: EnvironmentMap) -> bool:
-    return environment.name in ("sky", "studio")
+    return environment.name in BUILT_IN_ENVIRONMENTS
 
 
 def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
@@ -213,16 +213,8 @@ def _write_render(
     drawn: RenderedImage, mask: NDArray[np.bool_], source: str, folder: Path, outcome: Outcome
 ) -> None:
     """Write what can be looked at, and accepted, of a case that has no reference."""
-    written = write_pictures(folder, drawn.image, drawn.image, mask, None, source=source)
-    for name in set(written.values()) - {written[name] for name in _OF_RENDER if name in written}:
-        if isinstance(name, str):
-            (folder / name).unlink(missing_ok=True)
-    place = Path("cases") / outcome.backend / outcome.name
-    outcome.files = _below(place, {name: written[name] for name in _OF_RENDER if name in written})
-
-
-_OF_RENDER = ("render", "render_data", "exposure", "source")
-"""What `write_pictures` writes that holds without a reference."""
+    written = write_pictures(folder, drawn.image, None, mask, source=source)
+    outcome.files = _below(Path("cases") / outcome.backend / outcome.name, written)
 
 
 def _below(place: Path, written: Mapping[str, Any]) -> dict[str, Any]:

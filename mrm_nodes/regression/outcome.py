@@ -77,6 +77,12 @@ class Outcome:
     """A cloud's figures by decade, its worst configuration, its counts."""
 
 
+def time_limit_of(task: Task, usual: float) -> float:
+    """Seconds that a task may take: its own limit, where it has one."""
+    own: float | None = getattr(task, "time_limit", None)
+    return usual if own is None else own
+
+
 def outcome_of(task: Task, backend: str, verdict: Verdict, **others: Any) -> Outcome:
     """An outcome that says which task it belongs to."""
     return Outcome(

@@ -82,7 +82,11 @@ FAULTS = {
         "+ (1.0 - retro) * mx_latlong",
         "schlick-in-sky-retro1",
     ),
-    "a density without its 4": (r"/ \(4\.0 \* Vt\.z\);", "/ Vt.z;", "dielectric-in-white-retro0"),
+    "samples weighed without their masking": (
+        r"G1 \* float\(count\)",
+        "float(count)",
+        "dielectric-in-white-retro0",
+    ),
 }
 
 

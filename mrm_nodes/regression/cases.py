@@ -290,7 +290,7 @@ def _image_lights() -> Iterator[Case]:
     """Image light: both maps, a constant one, other lobes without the mip filter, a base, the mirror."""
 
     def lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> Case:
-        options = {"lights": (), "environment": light, "size": (20, 20), **others}
+        options = {"lights": (), "environment": light, "size": (16, 16), **others}
         return _case(node, what, inputs, **options)
 
     conductor, dielectric, schlick = NODES

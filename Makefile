@@ -18,7 +18,7 @@ TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py t
 .PHONY: regress test lint setup clean targets clients
 
 regress: setup
-	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND)
+	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --scenes
 
 test: setup
 	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%)

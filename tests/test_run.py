@@ -316,3 +316,13 @@ def test_what_is_no_shard_of_the_same_run_is_not_merged(judges, suite, folder, t
     (two / "cases" / "b" / "copy").write_text("edited")
     with pytest.raises(MrmError, match="files of b were changed or removed"):
         merge([one, two], folder)
+
+
+def test_pictures_of_a_gallery_are_drawn_into_the_folder_and_named_in_the_report(judges, suite, folder):
+    def gallery(where):
+        (where / "cones.png").write_bytes(b"")
+        return [{"title": "cones", "caption": "by day", "image": "cones.png"}]
+
+    report = run_suite(suite, folder, gallery=gallery)
+    assert report["environment"]["gallery"] == [{"title": "cones", "caption": "by day", "image": "cones.png"}]
+    assert (folder / "cones.png").exists()

@@ -112,6 +112,7 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
     metavar="ADDRESS",
     help="Run on a Dask cluster: its scheduler's tcp://host:port, or local for one of --jobs workers here.",
 )
+@click.option("--scenes", is_flag=True, help="Draw the scenes below the cases: some seconds more.")
 @_results
 def regress(
     folder: Path,
@@ -126,6 +127,7 @@ def regress(
     no_cache: bool,
     shard: tuple[int, int],
     address: str | None,
+    scenes: bool,
     allow_external: bool,
     json_file: Path | None,
     junit: Path | None,
@@ -138,6 +140,7 @@ def regress(
     """
     from mrm_nodes.regression import cache, cluster, suites, terminal
     from mrm_nodes.regression.run import run_suite
+    from mrm_nodes.scenes import scene_gallery
 
     _prepare(json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
@@ -157,6 +160,7 @@ def regress(
                 cache=known,
                 resume=resume,
                 cluster=place,
+                gallery=scene_gallery if scenes else None,
             )
     except KeyboardInterrupt:
         click.echo(f"interrupted; what was done is in {folder}: go on with --resume", err=True)

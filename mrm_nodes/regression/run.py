@@ -102,6 +102,7 @@ def run_suite(
     cache: Cache | None = None,
     resume: bool = False,
     cluster: Cluster | None = None,
+    gallery: Callable[[Path], Sequence[Mapping[str, str]]] | None = None,
 ) -> dict[str, Any]:
     """Run tasks on backends, write the report into a folder, and return what report.json holds.
 
@@ -118,6 +119,7 @@ def run_suite(
         cache: results of earlier runs, whose cases are not rendered again; new ones are added.
         resume: go on from what an earlier run of the same suite left in the folder.
         cluster: where to run instead of in processes of this machine; `jobs` is its own affair then.
+        gallery: draws pictures into the folder, to be shown below the cases: title, caption and image of each.
 
     Raises:
         MrmError: the folder cannot be written, is full, or is another run's; the backends are not there; there
@@ -154,6 +156,8 @@ def run_suite(
                     for each in judged:
                         run.accept(each)
                 run.environment["backend_seconds"][name] = round(time.perf_counter() - start, 3)
+            if gallery is not None:
+                run.environment["gallery"] = [dict(picture) for picture in gallery(folder)]
         return run.report()
 
 

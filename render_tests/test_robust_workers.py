@@ -16,11 +16,11 @@ from mrm_nodes.regression.cluster import Cluster
 from mrm_nodes.regression.executors import WorkerProcess
 from mrm_nodes.regression.run import run_suite
 
-LIMIT = 2.0
+LIMIT = 6.0
 GOOD = [Nasty(f"good-{number}") for number in range(4)]
 REASONS = {
     "die": "the worker process died (signal 9), twice",
-    "hang": "no result within the time limit of 2 s, twice",
+    "hang": f"no result within the time limit of {LIMIT:g} s, twice",
     "exhaust memory": "Unable to allocate",
     "lose context": "the context is lost, twice",
     "raise": "RuntimeError: a fault of the case's own",
@@ -59,7 +59,7 @@ def test_an_executors_workers_survive_the_same(working_backend, tmp_path):
     bad = [Nasty("die", "die"), Nasty("once", "die", tmp_path / "done")]
     with ProcessPoolExecutor(2) as executor:
         report = run_suite(
-            [*bad, *GOOD], tmp_path / "report", working_backend, time_limit=LIMIT, cluster=Cluster(executor)
+            [*bad, *GOOD], tmp_path / "report", working_backend, time_limit=60.0, cluster=Cluster(executor)
         )
     assert verdicts(report) == {"die": "error", "once": "pass", **{task.name: "pass" for task in GOOD}}
     assert "signal 9" in report["cases"][0]["message"]

@@ -71,7 +71,7 @@ def test_the_package_is_the_command():
     [
         (["regres"], "No such command 'regres'"),
         (["regress", "--jobs", "none"], "Invalid value for '--jobs'"),
-        (["regress", "--suite", "nightly"], "unknown suite nightly; there is one: default"),
+        (["regress", "--suite", "nightly"], "unknown suite nightly: it is `default`, a .toml file, or a folder"),
         (["regress", "--filter", "no-such-case"], "no case matches no-such-case"),
         (["regress", "--filter", "figure5", "--backend", "glx"], "unknown backend glx; known: auto, all, egl"),
         (["doctor", "--backend", "glx"], "unknown backend glx; known: auto, egl, osmesa"),
@@ -135,7 +135,7 @@ def test_a_warning_is_one_line_and_the_work_goes_on(run, tmp_path):
 
 
 def test_an_unexpected_error_is_one_line_too(run, monkeypatch):
-    def broken(folder):
+    def broken(folder, environment):
         raise RuntimeError("out of\npaper")
 
     monkeypatch.setattr("mrm_nodes.library.install", broken)
@@ -175,7 +175,7 @@ def test_render_writes_an_image(run, backend, tmp_path, ending):
 def test_doctor_says_what_works(run, backend):
     status, out, _ = run("doctor")
     assert status == 0
-    for word in ("versions", "library", "targets", "egl", "osmesa", f"render    works on {backend}"):
+    for word in ("versions", "library", "glsl", "mdl", "egl", "osmesa", f"render    works on {backend}"):
         assert word in out
 
 

@@ -98,6 +98,7 @@ def judges(monkeypatch):
     judges = Judges()
     monkeypatch.setattr(run, "run_locally", judges)
     monkeypatch.setattr(run, "probe_backends", lambda: [EGL, NO_OSMESA])
+    monkeypatch.delenv("MRM_REQUIRE_BACKENDS", raising=False)
     return judges
 
 

@@ -9,6 +9,7 @@ import contextlib
 import functools
 import importlib
 import itertools
+import os
 import shutil
 import tempfile
 import threading
@@ -214,8 +215,8 @@ def _store() -> Store:
     return Store()
 
 
-_idle: dict[str, deque[WorkerProcess]] = {}
-"""Worker processes of this process that wait, by backend."""
+_idle: dict[tuple[int, str], deque[WorkerProcess]] = {}
+"""Worker processes that wait, by the process that started them and backend: a fork inherits what is not its own."""
 
 
 def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | Missing:
@@ -236,7 +237,7 @@ def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | Mis
 
 def _judge(order: Order, task: Task, folder: Path) -> Outcome:
     """The outcome of a task, its files below a folder; tried once more where it costs its worker process."""
-    idle = _idle.setdefault(order.backend, deque())
+    idle = _idle.setdefault((os.getpid(), order.backend), deque())
     reason = ""
     for _ in range(2):
         try:

@@ -127,8 +127,8 @@ def run_suite(
         KeyboardInterrupt: the run was ended.
     """
     prepare_folder(folder)
+    plan = plan_backends(backend, probe_backends(), required_backends())
     with _ended_by_signals(), journal.locked(folder), _writing(folder), _scratch(folder) as scratch:
-        plan = plan_backends(backend, probe_backends(), required_backends())
         run = _Run(tasks, folder, plan, shard, cache, on_outcome)
         run.environment["jobs"] = jobs
         past = _past(folder, resume)

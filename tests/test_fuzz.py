@@ -53,7 +53,7 @@ def stumble(arguments: list[str]) -> None:
 
 
 def test_the_instrument_sees_a_crash_a_hang_too_much_memory_and_a_traceback(victim: object):
-    watched = fuzzing.Victim(seconds=5.0)
+    watched = fuzzing.Victim(seconds=10.0)
     try:
         for harm, seen in ((die, "killed by -6"), (sleep, "hung"), (hoard, "raised"), (stumble, "raised")):
             result = watched.run([], harm)

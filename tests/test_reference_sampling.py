@@ -1,5 +1,6 @@
 """Samples against their density, for every lobe: a chi-square test on a grid over the sphere."""
 
+import itertools
 import math
 
 import numpy as np
@@ -213,3 +214,13 @@ def test_the_refractive_jacobian_is_the_one_for_l():
     m = h if h[2] > 0.0 else -h
     density = d.pdf_visible(v, m) * numerical
     assert ref.Dielectric(eta, 0.4, scatter_mode="T").pdf(v, l) == pytest.approx(density, rel=1e-6)
+
+
+@pytest.mark.parametrize("u", list(itertools.product((0.0, 1.0), repeat=3)))
+@pytest.mark.parametrize(
+    ("distribution", "masking"), [("ggx", "smith"), ("beckmann", "smith"), ("ggx", "vcavity")]
+)
+def test_uniforms_at_their_ends_draw_directions_of_unit_length(distribution, masking, u):
+    lobe = ref.Conductor(0.2, 3.9, 1.0, distribution=distribution, masking=masking)
+    drawn = lobe.sample((0.0, 0.0, 1.0), u)
+    assert np.linalg.norm(drawn.l) == pytest.approx(1.0, abs=1e-9)

@@ -44,7 +44,8 @@ def sample_visible_ggx(x: float, y: float, z: float, u0: float, u1: float) -> tu
     """A visible normal of the standard GGX, unnormalised: a spherical cap (Dupuy and Benyoub 2023)."""
     length = math.sqrt(x * x + y * y + z * z)
     x, y, z = x / length, y / length, z / length
-    cz = (1.0 - u1) * (1.0 + z) - z
+    # At exactly 1 and normal incidence the normal would have no length.
+    cz = (1.0 - min(u1, 1.0 - 2.0**-53)) * (1.0 + z) - z
     sine = math.sqrt(min(max((1.0 - cz) * (1.0 + cz), 0.0), 1.0))
     phi = 2.0 * math.pi * u0
     return sine * math.cos(phi) + x, sine * math.sin(phi) + y, max(cz + z, 0.0)

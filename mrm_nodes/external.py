@@ -1,4 +1,4 @@
-"""Which files a material reads, and that they lie where it may read: in its own folder or on the search path."""
+"""Which files a material reads, and that they lie where it may read: in its own folder or in a node library."""
 
 from __future__ import annotations
 
@@ -19,6 +19,9 @@ LARGEST = 64 << 20
 """Bytes of a document."""
 
 FLAG = "--allow-external"
+
+_LIBRARIES = ("libraries", "mtlx", "glsl")
+"""Folders of node libraries: MaterialX's, and ours."""
 
 
 def check_includes(path: Path, allow_external: bool = False) -> list[Path]:
@@ -94,18 +97,30 @@ def _candidates(name: str, *folders: Path) -> list[Path]:
 
 
 def _search_folders() -> list[Path]:
-    paths = (library.search_path(), mx.getEnvironmentPath())
-    return [Path(folder) for path in paths for folder in path.asString().split(os.pathsep) if folder]
+    return [*_folders(library.search_path()), *_folders(mx.getEnvironmentPath())]
+
+
+def _folders(path: mx.FileSearchPath) -> list[Path]:
+    return [Path(folder) for folder in path.asString().split(os.pathsep) if folder]
+
+
+def _shared_folders() -> list[Path]:
+    """Where every material may read: the node libraries, and what the user put on MaterialX's search path.
+
+    In a checkout the library's own folder is the whole repository, of which the nodes are a part.
+    """
+    libraries = [root / name for root in _folders(library.search_path()) for name in _LIBRARIES]
+    return [*libraries, *_folders(mx.getEnvironmentPath())]
 
 
 def _check_inside(file: Path, name: str, where: str, folder: Path, allow_external: bool) -> None:
     if allow_external:
         return
     resolved = Path(os.path.realpath(file))
-    roots = [folder, *(Path(os.path.realpath(each)) for each in _search_folders())]
+    roots = [folder, *(Path(os.path.realpath(each)) for each in _shared_folders())]
     if not any(resolved.is_relative_to(root) for root in roots):
         raise MrmError(
-            f"{where}: {name} is {resolved}, outside of {folder} and the search path; "
+            f"{where}: {name} is {resolved}, outside of {folder} and the node libraries; "
             f"{FLAG} lets a material read it"
         )
 
@@ -114,7 +129,7 @@ def check_images(document: mx.Document, path: Path, allow_external: bool = False
     """The image files that a document names and that exist.
 
     Raises:
-        MrmError: one lies outside of the document's folder and the search path, or is an address in a network.
+        MrmError: one lies outside of the document's folder and the node libraries, or is an address in a network.
     """
     folder = path.resolve().parent
     found: dict[Path, None] = {}
@@ -142,3 +157,35 @@ def files_of(path: Path, document: mx.Document) -> list[Path]:
     """Every file of a material: its documents and its images."""
     files = [*check_includes(path, True), *check_images(document, path, True)]
     return list(dict.fromkeys(Path(os.path.abspath(file)) for file in files))  # noqa: PTH100
+
+
+def move_images(document: mx.Document, old: Path, new: Path) -> None:
+    """Have the images that a document names by absolute names below one folder read below another."""
+    named = {port: port.getResolvedValueString() for port in _filenames(document)}
+    for element in (document, *document.traverseTree()):
+        # Prefixes are part of the resolved names.
+        element.removeAttribute("fileprefix")
+    for port, name in named.items():
+        if name:
+            port.setValueString(moved_name(name, old, new))
+
+
+def moved_name(name: str, old: Path, new: Path) -> str:
+    """An absolute file name below one folder as it is below another; any other name as it is."""
+    file = Path(os.path.normpath(name))
+    return str(new / file.relative_to(old)) if file.is_absolute() and file.is_relative_to(old) else name
+
+
+def check_travelled(files: list[Path], path: Path, root: Path) -> None:
+    """Check that a material which came from another machine reads only what came with it.
+
+    Raises:
+        MrmError: a file lies neither below `root` nor in a node library.
+    """
+    for file in files:
+        try:
+            _check_inside(file, str(file), str(path), Path(os.path.realpath(root)), False)
+        except MrmError:
+            raise MrmError(
+                f"{path}: {file} did not come along to the cluster's worker: name it relative to the material"
+            ) from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import MaterialX as mx
 import pytest
 
 from mrm_nodes import cli, external
@@ -93,6 +94,27 @@ def test_what_lies_in_the_folder_or_below_is_read_without_a_flag(tmp_path: Path)
     }
 
 
+def test_of_a_checkout_only_the_node_libraries_are_read_and_nothing_beside_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """There the folder that our GLSL is found from is the whole repository."""
+    repository = tmp_path / "repository"
+    for name in (
+        "mtlx/graph.mtlx",
+        "libraries/graph.mtlx",
+        "glsl/graph.mtlx",
+        "tests/graph.mtlx",
+        "graph.mtlx",
+    ):
+        write(repository / name, GRAPH)
+    monkeypatch.setattr(external.library, "search_path", lambda: mx.FileSearchPath(str(repository)))
+    for name in ("mtlx/graph.mtlx", "libraries/graph.mtlx", "glsl/graph.mtlx"):
+        external.check_includes(write(tmp_path / "material" / "a.mtlx", include(name)))
+    for name in ("tests/graph.mtlx", "graph.mtlx"):
+        with pytest.raises(MrmError, match="--allow-external"):
+            external.check_includes(write(tmp_path / "material" / "a.mtlx", include(name)))
+
+
 def test_materialx_s_search_path_is_no_way_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     shared = write(tmp_path / "shared" / "graph.mtlx", GRAPH)
     monkeypatch.setenv("MATERIALX_SEARCH_PATH", str(shared.parent))
@@ -130,13 +152,12 @@ def test_a_document_nested_without_end_is_an_error_before_materialx_reads_it(tmp
         read_document(write(tmp_path / "deep.mtlx", deep))
 
 
-@pytest.mark.parametrize("command", ["generate", "render", "regress", "suite"])
+@pytest.mark.parametrize("command", ["generate", "render", "suite"])
 def test_each_command_asks_for_the_flag(command: str, secret: Path, capsys: pytest.CaptureFixture[str]):
     file = write(secret / "material" / "a.mtlx", include("../secret.mtlx"))
     arguments = {
         "generate": ["generate", str(file), "--target", "glsl", "-o", str(secret / "out")],
         "render": ["render", str(file), "-o", str(secret / "out.png")],
-        "regress": ["regress", "--suite", str(file.parent), "-o", str(secret / "report")],
         "suite": ["suite", "check", str(file.parent)],
     }[command]
     with pytest.raises(SystemExit) as ended:

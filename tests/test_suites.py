@@ -365,10 +365,81 @@ def test_a_fault_is_named_by_file_line_and_key_with_what_is_expected(
     assert words in message
 
 
-def test_a_fault_of_a_material_is_a_fault_of_the_case_that_names_it(folder: Path):
-    (folder / "metal.mtlx").write_text(METAL.replace("mrm_conductor", "mrm_conductr"))
-    with pytest.raises(SuiteError, match=r":2: case 1\.material: .*did you mean mrm_conductor_bsdf"):
-        cases_of(folder, '[[case]]\nmaterial = "metal.mtlx"')
+def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> list[str]:
+    """What a command that ends with status 2 says."""
+    with pytest.raises(SystemExit) as ended:
+        cli.main([str(each) for each in arguments])
+    assert ended.value.code == 2
+    return capsys.readouterr().err.splitlines()
+
+
+BROKEN = {
+    "not XML": ("<materialx", "line 1: "),
+    "empty": ("", "no element found"),
+    "an unknown node": (METAL.replace("mrm_conductor", "mrm_conductr"), "did you mean mrm_conductor_bsdf"),
+    "no material": ('<materialx version="1.39" />', "nothing to render"),
+    "an include that is not there": (METAL.replace("<surface ", '<xi:include href="x.mtlx" /><surface ', 1), "x.mtlx"),
+    "an image from outside": (
+        METAL.replace("</materialx>", '<image name="i" type="color3"><input name="file" type="filename" '
+        f'value="{__file__}" /></image></materialx>'),
+        "--allow-external",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "words"), BROKEN.values(), ids=BROKEN)
+def test_a_broken_document_of_a_folder_is_one_broken_case_and_check_names_it(
+    folder: Path, text: str, words: str, capsys: pytest.CaptureFixture[str]
+):
+    (folder / "metal.mtlx").write_text(text)
+    metal, *others = load(folder).cases
+    assert (metal.name, metal.broken) == ("metal", True)
+    assert words in metal.reason
+    assert [(case.name, case.broken) for case in others] == [("set.deep.metal", False), ("velvet", False)]
+    (line,) = told(capsys, "suite", "check", folder)
+    assert line == f"mrm-nodes: {folder}: {metal.reason}"
+
+
+def test_a_broken_document_of_a_suite_is_named_by_line_and_key_and_costs_its_own_cases_only(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+):
+    (folder / "metal.mtlx").write_text("<materialx")
+    text = """
+    [[case]]
+    material = "metal.mtlx"
+    element = ["one", "other"]
+    [case.input]
+    "b/weight" = 0.5
+    [case.matrix]
+    size = [8, 16]
+    [[case]]
+    material = "velvet.mtlx"
+    [[adjust]]
+    cases = "metal-third-*"
+    size = 32
+    """
+    cases = {case.name: case.broken for case in cases_of(folder, text)}
+    assert cases == {
+        "metal-one-8": True,
+        "metal-other-8": True,
+        "metal-one-16": True,
+        "metal-other-16": True,
+        "velvet": False,
+    }
+    (line,) = told(capsys, "suite", "check", folder / "suite.toml")
+    assert "suite.toml:3: case 1.material: " in line and "not a MaterialX document" in line
+
+
+def test_a_fault_of_the_suite_itself_is_still_one(folder: Path, capsys: pytest.CaptureFixture[str]):
+    (folder / "metal.mtlx").write_text("<materialx")
+    (folder / "suite.toml").write_text(
+        '[[case]]\nmaterial = "*.mtlx"\n[[case]]\nmaterial = "velvet.mtlx"\nmesh = "x"\nname = "x"'
+    )
+    first, second = told(capsys, "suite", "check", folder / "suite.toml")
+    assert ":5: case 2.mesh" in first and ":2: case 1.material" in second
+    (line,) = told(capsys, "regress", "--suite", folder / "suite.toml", "-o", folder / "report")
+    assert ":5: case 2.mesh" in line
+    assert not (folder / "report").exists()
 
 
 def test_all_faults_are_told_at_once(folder: Path, capsys: pytest.CaptureFixture[str]):

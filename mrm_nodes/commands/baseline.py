@@ -150,7 +150,7 @@ def status(suite: Path, report: Path, backend: str | None, allow_external: bool)
 
     table = Table("case", "state", "decided by", "when", "why")
     sound = True
-    cases = [case for case in load(suite, allow_external).cases if case.truth == "baseline"]
+    cases = [case for case in load(suite, allow_external).cases if case.truth == "baseline" or case.broken]
     for case in cases:
         state, decision = _state(case)
         sound &= state == "accepted"
@@ -169,6 +169,8 @@ def _state(case: MaterialCase) -> tuple[str, dict[str, Any]]:
 
     decisions = [entry for entry in case.store.decisions() if entry.get("case") == case.name]
     last = decisions[-1] if decisions else {}
+    if case.broken:
+        return "material broken", last
     try:
         record = case.store.provenance(case.name)
         case.store.read(case.name)
@@ -190,13 +192,15 @@ def _chosen(patterns: Sequence[str], suite: Path, allow_external: bool) -> list[
     from mrm_nodes.regression.suitefile import load
 
     cases = load(suite, allow_external).cases
-    stored = [case for case in cases if case.truth == "baseline"]
+    stored = [case for case in cases if case.truth == "baseline" and not case.broken]
     chosen: dict[str, MaterialCase] = {}
     for pattern in patterns:
         matching = [case for case in stored if fnmatchcase(case.name, pattern)]
         if not matching:
-            by_physics = next((case for case in cases if case.name == pattern), None)
-            if by_physics is not None:
+            other = next((case for case in cases if case.name == pattern), None)
+            if other is not None and other.broken:
+                raise MrmError(f"{pattern}: {other.reason}")
+            if other is not None:
                 raise MrmError(
                     f"{pattern}: its truth is physics, so it has no baseline; "
                     f'give the case truth = "baseline" in {suite} if it should'

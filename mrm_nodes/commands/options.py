@@ -7,5 +7,5 @@ import click
 external_option = click.option(
     "--allow-external",
     is_flag=True,
-    help="Let materials read files outside of their folder and the search path.",
+    help="Let materials read files outside of their folder and the node libraries.",
 )

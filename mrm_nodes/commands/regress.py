@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import click
 
 from mrm_nodes.commands.options import external_option
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 
 FAILED = 1
 """Exit status where a comparison failed or ended in an error."""
@@ -142,9 +143,12 @@ def regress(
     from mrm_nodes.regression.run import run_suite
     from mrm_nodes.scenes import scene_gallery
 
-    _prepare(json_file, junit)
+    # Reading a suite and each of its workers may have the same to say.
+    warnings.simplefilter("once", MrmWarning)
+    _prepare(folder, json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
     known = None if no_cache else cache.Cache(cache_folder or cache.default_folder())
+    _remove(json_file, junit)
     try:
         with contextlib.ExitStack() as stack:
             place = stack.enter_context(cluster.dask_cluster(address, jobs)) if address else None
@@ -161,6 +165,7 @@ def regress(
                 resume=resume,
                 cluster=place,
                 gallery=scene_gallery if scenes else None,
+                on_partial=lambda partial: _write(partial, json_file, junit, strict),
             )
     except KeyboardInterrupt:
         click.echo(f"interrupted; what was done is in {folder}: go on with --resume", err=True)
@@ -178,47 +183,70 @@ def merge(
     """Make one report of the reports DIR... of `regress --shard 1/N`, 2/N and so on."""
     from mrm_nodes.regression import run
 
-    _prepare(json_file, junit)
+    _prepare(folder, json_file, junit)
     report = run.merge(parts, folder)
     return _publish(report, folder, json_file, junit, strict)
 
 
-def _prepare(*files: Path | None) -> None:
-    """Find out before a long run whether files can be written after it."""
+def _prepare(folder: Path, *files: Path | None) -> None:
+    """Find out before a long run whether files can be written after it, and that no baseline is in their way."""
+    from mrm_nodes.regression.baseline import holds_baselines
     from mrm_nodes.regression.files import prepare_folder
 
+    if holds_baselines(folder):
+        raise MrmError(f"{folder}: baselines lie there; choose another folder with -o")
     for file in files:
         if file is not None and file != STDOUT:
             if file.is_dir():
                 raise MrmError(f"{file}: this is a folder; name a file")
+            if file.exists() and not file.is_file():
+                raise MrmError(f"{file}: no ordinary file; name another")
+            if holds_baselines(file.parent):
+                raise MrmError(f"{file}: baselines lie there; name another file")
             try:
                 prepare_folder(file.parent)
             except MrmError:
                 raise MrmError(f"{file}: cannot be written there; name another file") from None
 
 
+def _remove(*files: Path | None) -> None:
+    """Remove what an earlier run wrote: after a kill it would be taken for this one's."""
+    for file in files:
+        if file is not None and file != STDOUT:
+            try:
+                file.unlink(missing_ok=True)
+            except OSError as error:
+                raise MrmError(f"{file}: cannot be replaced: {error.strerror}; name another file") from None
+
+
 def _publish(
     report: Mapping[str, Any], folder: Path, json_file: Path | None, junit: Path | None, strict: bool
 ) -> int:
     """Write and print what is asked for of a report, and return the exit status."""
-    import json
-
     from rich.console import Console
 
     from mrm_nodes.regression import terminal
+
+    # The report alone is on stdout where it was asked for there.
+    console = Console(highlight=False, stderr=json_file == STDOUT)
+    terminal.print_summary(report, folder / "index.html", console)
+    _write(report, json_file, junit, strict)
+    summary = report["summary"]
+    bad = summary["failed"] + summary["errors"] + (summary["undecided"] if strict else 0)
+    return FAILED if bad else 0
+
+
+def _write(report: Mapping[str, Any], json_file: Path | None, junit: Path | None, strict: bool) -> None:
+    """Write what is asked for besides the page."""
+    import json
+
     from mrm_nodes.regression.files import write_text
     from mrm_nodes.regression.junit import junit_xml
 
     if junit is not None:
         write_text(junit, junit_xml(report, strict))
     text = json.dumps(report, indent=1, allow_nan=False) + "\n"
-    if json_file is not None and json_file != STDOUT:
-        write_text(json_file, text)
-    # The report alone is on stdout where it was asked for there.
-    console = Console(highlight=False, stderr=json_file == STDOUT)
-    terminal.print_summary(report, folder / "index.html", console)
     if json_file == STDOUT:
         click.echo(text, nl=False)
-    summary = report["summary"]
-    bad = summary["failed"] + summary["errors"] + (summary["undecided"] if strict else 0)
-    return FAILED if bad else 0
+    elif json_file is not None:
+        write_text(json_file, text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -27,8 +28,11 @@ def check(file: Path, allow_external: bool) -> int:
 
     try:
         found = load(file, allow_external)
+        faults: Sequence[str] = found.broken
     except SuiteError as error:
-        for fault in error.faults:
+        faults = error.faults
+    if faults:
+        for fault in faults:
             click.echo(f"mrm-nodes: {fault}", err=True)
         return AT_FAULT
     physics = sum(case.truth == "physics" for case in found.cases)
@@ -56,7 +60,8 @@ def list_cases(file: Path, expression: str | None, allow_external: bool) -> None
     table = Table("case", "material", "mesh", "size", "truth", "why")
     for case in cases:
         size = "x".join(map(str, case.size))
-        table.add_row(case.name, case.material, case.mesh, size, case.truth, case.reason)
+        truth = "none: broken" if case.broken else case.truth
+        table.add_row(case.name, case.material, case.mesh, size, truth, case.reason)
     console = Console(markup=False)
     if not console.is_terminal:
         console = Console(markup=False, width=200)

@@ -73,6 +73,11 @@ def _bytes(path: Path) -> bytes:
         raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
 
 
+def holds_baselines(folder: Path) -> bool:
+    """Whether stored images lie in a folder, so that nothing else may be written there."""
+    return (folder / LOG).exists()
+
+
 @dataclass(frozen=True)
 class Store:
     """A folder of stored images."""

@@ -97,10 +97,11 @@ class Missing:
 
 @dataclass(frozen=True)
 class Result:
-    """What comes back from a worker: an outcome's record, and its files."""
+    """What comes back from a worker: an outcome's record, its files, and what was warned of."""
 
     record: dict[str, Any]
     files: Mapping[str, bytes]
+    warnings: Sequence[str] = ()
 
 
 def run_on(
@@ -174,7 +175,8 @@ def run_on(
                     target = folder / name
                     target.parent.mkdir(parents=True, exist_ok=True)
                     target.write_bytes(data)
-                yield Judged(task, from_record({**answer.record, "setup": task.describe()}), folder)
+                outcome = from_record({**answer.record, "setup": task.describe()})
+                yield Judged(task, outcome, folder, answer.warnings)
     finally:
         for future in flying:
             future.cancel()
@@ -229,14 +231,16 @@ def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | Mis
     with tempfile.TemporaryDirectory(dir=store.root) as scratch:
         root = inputs.root_of(order.task)
         task = order.task.moved(tree / root.relative_to(root.anchor)) if order.digests else order.task
-        outcome = _judge(order, task, Path(scratch))
+        outcome, warned = _judge(order, task, Path(scratch))
         found = sorted(file for file in Path(scratch).rglob("*") if file.is_file())
         files = {str(file.relative_to(scratch)): file.read_bytes() for file in found}
-    return Result(_without(str(tree), as_record(outcome)), files)
+    return Result(_without(str(tree), as_record(outcome)), files, _without(str(tree), warned))
 
 
-def _judge(order: Order, task: Task, folder: Path) -> Outcome:
-    """The outcome of a task, its files below a folder; tried once more where it costs its worker process."""
+def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
+    """The outcome of a task and what was warned of, its files below a folder; tried once more where it costs its
+    worker process.
+    """
     idle = _idle.setdefault((os.getpid(), order.backend), deque())
     reason = ""
     for _ in range(2):
@@ -250,21 +254,21 @@ def _judge(order: Order, task: Task, folder: Path) -> Outcome:
             if inputs.digest_of(inputs.conditions(process.driver)) != order.conditions:
                 reason = "this worker has other versions, another OpenGL or another source than the run"
                 idle.append(process)
-                return outcome_of(task, order.backend, "error", message=reason)
+                return outcome_of(task, order.backend, "error", message=reason), []
             process.give(task, folder, order.time_limit)
             outcome: Outcome
-            outcome, is_sound = process.wait_for_answer()
+            outcome, warned, is_sound = process.wait_for_answer()
         except Lost as lost:
             reason = str(lost)
         else:
             if is_sound:
                 idle.append(process)
-                return outcome
+                return outcome, warned
             reason = outcome.message or UNSOUND
         process.stop()
         for left in folder.iterdir():
             shutil.rmtree(left) if left.is_dir() else left.unlink()
-    return outcome_of(task, order.backend, "error", message=f"{reason}, twice")
+    return outcome_of(task, order.backend, "error", message=f"{reason}, twice"), []
 
 
 def _without(root: str, value: Any) -> Any:

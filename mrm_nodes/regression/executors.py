@@ -44,11 +44,12 @@ _SECONDS_A_POINT = 4e-6
 
 @dataclass(frozen=True)
 class Judged:
-    """A task, what became of it, and the folder below which its files lie."""
+    """A task, what became of it, the folder below which its files lie, and what its worker warned of."""
 
     task: Task
     outcome: Outcome
     folder: Path
+    warnings: Sequence[str] = ()
 
 
 def estimate(task: Task) -> float:
@@ -166,8 +167,8 @@ class WorkerProcess:
         return task
 
     def wait_for_answer(self) -> Any:
-        """What the process sends next: the name of its OpenGL; then, for each task, the outcome and whether the
-        process can be trusted with another.
+        """What the process sends next: the name of its OpenGL; then, for each task, the outcome, what it warned of,
+        and whether the process can be trusted with another.
 
         Raises:
             Lost: the process died, or took longer than it may.
@@ -235,9 +236,9 @@ def run_locally(
             for member, answer in crew.answers():
                 task = member.taken()
                 if not isinstance(answer, Lost):
-                    outcome, is_sound = answer
+                    outcome, warned, is_sound = answer
                     if is_sound:
-                        yield Judged(task, outcome, member.folder)
+                        yield Judged(task, outcome, member.folder, warned)
                         continue
                     answer = Lost(outcome.message or UNSOUND)
                 crew.replace(member)

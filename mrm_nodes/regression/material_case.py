@@ -12,7 +12,7 @@ import MaterialX as mx
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mrm_nodes import shadergen
+from mrm_nodes import external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
@@ -61,7 +61,7 @@ class MaterialCase:
     """Path of the material in its document."""
     truth: Truth
     reason: str
-    """Why this truth."""
+    """Why this truth; what is wrong with the document, where it is broken."""
     inputs: Mapping[str, Value] = field(default_factory=dict)
     """Values in place of the document's, by the path of an input (`node/input`, `graph/node/input`)."""
     mesh: str = "sphere"
@@ -81,6 +81,10 @@ class MaterialCase:
     time_limit: float | None = None
     """Seconds that the case may take, or the run's own limit."""
     allow_external: bool = False
+    broken: bool = False
+    """Its document cannot be used: judging it is an error."""
+    origin: Path | None = None
+    """Where it was moved, the root that its documents know: their absolute names are below it."""
     target: str = "glsl"
 
     @property
@@ -135,7 +139,13 @@ class MaterialCase:
 
     def moved(self, root: Path) -> Self:
         """The same case with its files below another folder."""
-        return replace(self, root=root)
+        return replace(self, root=root, origin=self.origin or self.root)
+
+    def placed(self, value: Value) -> Value:
+        """A value of an input; the name of a file that moved with the case is the name that it has now."""
+        if self.origin is None or not isinstance(value, str):
+            return value
+        return external.moved_name(value, self.origin, self.root)
 
     @property
     def store(self) -> baseline.Store:
@@ -150,6 +160,8 @@ def _is_built_in(environment: EnvironmentMap) -> bool:
 def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
     """Render a case, compare it with its truth, and write its pictures below `folder`."""
     outcome.truth = case.truth
+    if case.broken:
+        raise MrmError(case.reason)
     bench = _Bench(case, workshop, outcome)
     drawn = bench.render(bench.shader(case.element), _environment(case))
     mask = drawn.mask & _mask(case)
@@ -239,7 +251,7 @@ class _Bench:
     def document(self) -> mx.Document:
         """The material with the case's values."""
         with timed(self.outcome, "generate"):
-            return with_values(read(self.case), self.case.inputs, self.case.material)
+            return _placed(self.case)
 
     @functools.cached_property
     def closure(self) -> Closure:
@@ -281,7 +293,7 @@ class _Bench:
             case.camera,
             lights=case.lights if lit else (),
             size=case.size,
-            uniforms={name: value for name, value in case.inputs.items() if name in known},
+            uniforms={name: case.placed(value) for name, value in case.inputs.items() if name in known},
             environment=environment,
         )
         for stage, seconds in drawn.seconds.items():
@@ -351,6 +363,23 @@ def read(case: MaterialCase) -> mx.Document:
         MrmError: as `shadergen.read_document`.
     """
     return shadergen.read_document(case.root / case.material, allow_external=case.allow_external)
+
+
+def _placed(case: MaterialCase) -> mx.Document:
+    """The case's document with the case's values; absolute names in it are those of the files that moved with it.
+
+    Raises:
+        MrmError: it names a file that did not move with it.
+    """
+    if case.origin is None:
+        return with_values(read(case), case.inputs, case.material)
+    file = case.root / case.material
+    # What it may read was checked where it came from. Here it is what came along.
+    external.check_travelled(external.check_includes(file, True), file, case.root)
+    document = with_values(shadergen.read_document(file, allow_external=True), case.inputs, case.material)
+    external.move_images(document, case.origin, case.root)
+    external.check_travelled(external.check_images(document, file, True), file, case.root)
+    return document
 
 
 def with_values(document: mx.Document, values: Mapping[str, Value], where: str) -> mx.Document:

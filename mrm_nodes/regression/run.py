@@ -103,6 +103,7 @@ def run_suite(
     resume: bool = False,
     cluster: Cluster | None = None,
     gallery: Callable[[Path], Sequence[Mapping[str, str]]] | None = None,
+    on_partial: Callable[[Mapping[str, Any]], None] = lambda report: None,
 ) -> dict[str, Any]:
     """Run tasks on backends, write the report into a folder, and return what report.json holds.
 
@@ -120,6 +121,7 @@ def run_suite(
         resume: go on from what an earlier run of the same suite left in the folder.
         cluster: where to run instead of in processes of this machine; `jobs` is its own affair then.
         gallery: draws pictures into the folder, to be shown below the cases: title, caption and image of each.
+        on_partial: called with what report.json holds where the run ends before its end.
 
     Raises:
         MrmError: the folder cannot be written, is full, or is another run's; the backends are not there; there
@@ -134,7 +136,7 @@ def run_suite(
         past = _past(folder, resume)
         kept = run.still_holds(past) if resume and past.header else []
         seconds = {_name(each.outcome): sum(each.outcome.seconds.values()) for each in past.entries}
-        with run.recorded(kept):
+        with run.recorded(kept, on_partial):
             run.take_from_cache()
             for name, driver in plan.drivers.items():
                 start = time.perf_counter()
@@ -158,7 +160,7 @@ def run_suite(
                 run.environment["backend_seconds"][name] = round(time.perf_counter() - start, 3)
             if gallery is not None:
                 run.environment["gallery"] = [dict(picture) for picture in gallery(folder)]
-        return run.report()
+            return run.report()
 
 
 class _Run:
@@ -227,7 +229,9 @@ class _Run:
         return f"{self._folder}: --resume: {reason}; run without it"
 
     @contextlib.contextmanager
-    def recorded(self, kept: Sequence[journal.Entry]) -> Iterator[None]:
+    def recorded(
+        self, kept: Sequence[journal.Entry], on_partial: Callable[[Mapping[str, Any]], None]
+    ) -> Iterator[None]:
         """Keep a journal for as long as the block lasts; where it ends in an exception, write a partial report.
 
         kept: outcomes of an earlier run.
@@ -260,7 +264,7 @@ class _Run:
                     for task in self.waiting(name):
                         self._show(outcome_of(task, name, "skipped", message="not run"), quietly=True)
                 with contextlib.suppress(MrmError):
-                    self.report()
+                    on_partial(self.report())
                 raise
 
     def waiting(self, backend: str) -> list[Task]:
@@ -294,6 +298,8 @@ class _Run:
             self._check_room()
         sums = {} if changed else _publish(judged.folder, self._folder)
         shutil.rmtree(judged.folder, ignore_errors=True)
+        for text in judged.warnings:
+            warnings.warn(text, MrmWarning, stacklevel=2)
         self._note(outcome, sums)
         if self._cache is not None:
             self._cache.put(self._keys[_name(outcome)], outcome, self._folder, sums)

@@ -76,6 +76,8 @@ class Suite:
     path: Path
     title: str
     cases: tuple[MaterialCase, ...]
+    broken: tuple[str, ...] = ()
+    """What is wrong with materials, a line each with file, line and key: their cases are errors, the others run."""
 
 
 def load(path: Path, allow_external: bool = False) -> Suite:
@@ -106,6 +108,7 @@ class _Maker:
         self._allow_external = allow_external
         self._where = where
         self._faults: list[str] = []
+        self._broken: list[str] = []
 
     def suite(self) -> Suite:
         """All cases, or all faults."""
@@ -128,14 +131,19 @@ class _Maker:
                 self._note(fault)
         for index, adjust in enumerate(self._table.adjust):
             unused = [p for p in adjust.cases if not any(fnmatchcase(name, p) for name in cases)]
-            if unused and not self._faults:
+            # A broken material has no elements that its cases could be called by.
+            if unused and not self._faults and not self._broken:
                 self._note(Fault(("adjust", index, "cases"), f"no case matches {unused[0]}"))
         if self._faults:
-            raise SuiteError(list(dict.fromkeys(self._faults)))
-        return Suite(self._path, self._table.title, self._rooted([case for case, _ in cases.values()]))
+            raise SuiteError(list(dict.fromkeys([*self._faults, *self._broken])))
+        rooted = self._rooted([case for case, _ in cases.values()])
+        return Suite(self._path, self._table.title, rooted, tuple(dict.fromkeys(self._broken)))
 
     def _note(self, fault: Fault) -> None:
-        self._faults.append(f"{self._where(fault.keys)}: {fault.message}")
+        self._faults.append(self._told(fault.keys, fault.message))
+
+    def _told(self, keys: tuple[str | int, ...], message: str) -> str:
+        return f"{self._where(keys)}: {message}"
 
     def _check_names(self) -> None:
         """Names that are given in tables are sound whether or not a case uses them."""
@@ -205,15 +213,11 @@ class _Maker:
         label: str,
         chosen: Mapping[str, Any],
     ) -> Iterator[MaterialCase]:
-        try:
-            document = self._document(material)
-            known = materials_of(document, material)
-        except MrmError as error:
-            raise Fault((*here, "material"), str(error)) from None
+        known, wrong = self._elements(material)
         wanted = chosen.get("element", table.element)
         elements = known if wanted is None else listed(wanted)
         for element in elements:
-            if not isinstance(element, str) or document.getDescendant(element) is None:
+            if not isinstance(element, str) or not (wrong or self._document(material).getDescendant(element)):
                 raise Fault(
                     (*here, "element"), f"{material} has no {element}; {suggestion(str(element), known)}"
                 )
@@ -249,6 +253,9 @@ class _Maker:
             keys = self._given_at(here, table, name, chosen, str(fault.keys[0]))
             raise Fault(keys, fault.message) from None
         truth, reason = self._truth(here, material, element, inputs, settings)
+        _, wrong = self._elements(material)
+        if wrong:
+            self._broken.append(self._told((*here, "material"), wrong))
         return MaterialCase(
             name=name,
             root=self._folder,
@@ -257,6 +264,7 @@ class _Maker:
             inputs=inputs,
             truth=truth,
             reason=reason,
+            broken=bool(wrong),
             depends=tuple(dict.fromkeys([*self._depends(material), *files])),
             allow_external=self._allow_external,
             **options,
@@ -427,6 +435,9 @@ class _Maker:
     ) -> tuple[Truth, str]:
         wanted = settings.truth or "auto"
         surrounded = settings.environment is not None
+        _, wrong = self._elements(material)
+        if wrong:
+            return ("baseline" if wanted == "baseline" else "physics"), wrong
         try:
             unknown = self._unknown(material, element, tuple(sorted(inputs.items())), surrounded)
         except MrmError as error:
@@ -444,7 +455,18 @@ class _Maker:
         return document
 
     @functools.cache  # noqa: B019
+    def _elements(self, material: str) -> tuple[list[str], str]:
+        """The paths of a document's materials, and what is wrong with it: then there is one path, and it is empty."""
+        try:
+            return materials_of(self._document(material), material), ""
+        except MrmError as error:
+            return [""], str(error)
+
+    @functools.cache  # noqa: B019
     def _depends(self, material: str) -> tuple[str, ...]:
+        _, wrong = self._elements(material)
+        if wrong:
+            return (os.path.normpath(material),)
         found = external.files_of(self._folder / material, self._document(material))
         return tuple(os.path.relpath(path, self._folder) for path in found)
 
@@ -457,7 +479,10 @@ class _Maker:
 
     @functools.cache  # noqa: B019
     def _checked(self, material: str, path: str, value: Value) -> tuple[str, ...]:
-        """The files that a value of an input names; the value fits the input."""
+        """The files that a value of an input names; the value fits the input, where the document is sound."""
+        _, wrong = self._elements(material)
+        if wrong:
+            return ()
         file = self._folder / material
         document = with_values(self._read(material), {path: value}, material)
         if not isinstance(value, str):

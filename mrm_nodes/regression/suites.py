@@ -37,7 +37,7 @@ def suite(
     Args:
         name: `default`, a suite's TOML file, or a folder of materials.
         configurations: of each node, in the default suite.
-        allow_external: whether a material may read files outside of its folder and the search path.
+        allow_external: whether a material may read files outside of its folder and the node libraries.
 
     Raises:
         MrmError: no such suite, or one with faults.

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import signal
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import cloud, image_case, material_case
+from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.regression import cloud, image_case, inputs, material_case
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.context import get_context
@@ -68,9 +69,11 @@ def serve(descriptor: int, backend: str) -> None:
     """Judge the tasks that come through a connection until it ends: what a worker process does.
 
     It sends the name of its OpenGL when it is ready, or the MrmError that keeps it from working; then, for each
-    task and folder, the outcome and whether the worker is still sound.
+    task and folder, the outcome, what it warned of, and whether the worker is still sound.
     """
     _end_with_parent()
+    # What a start warns of, the parent has said.
+    warnings.simplefilter("ignore")
     with Connection(descriptor) as connection, contextlib.suppress(BrokenPipeError):
         try:
             worker = Worker(backend)
@@ -83,7 +86,16 @@ def serve(descriptor: int, backend: str) -> None:
                 task, folder = connection.recv()
             except EOFError:
                 return
-            connection.send((worker.run(task, folder), worker.is_sound))
+            with warnings.catch_warnings(record=True) as caught:
+                warnings.simplefilter("always", MrmWarning)
+                outcome = worker.run(task, folder)
+            connection.send((outcome, _told(caught, task), worker.is_sound))
+
+
+def _told(caught: Sequence[warnings.WarningMessage], task: Task) -> list[str]:
+    """The texts of our own warnings, each once; files are named as their task names them."""
+    own = [str(each.message) for each in caught if issubclass(each.category, MrmWarning)]
+    return list(dict.fromkeys(text.replace(f"{inputs.root_of(task)}/", "") for text in own))
 
 
 def _end_with_parent() -> None:

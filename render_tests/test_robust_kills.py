@@ -65,7 +65,7 @@ def workers_of(process):
 def test_a_run_that_is_killed_goes_on_where_it_was(
     working_backend, probes, undisturbed, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(run, "probe_backends", lambda: probes)
+    monkeypatch.setattr(run, "probe_backends", lambda *_: probes)
     rng = random.Random(6)
     # Forked, so that the time goes into runs and not into imports; workers are programs of their own.
     fork = multiprocessing.get_context("fork")
@@ -95,7 +95,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(
 def test_a_run_whose_workers_are_killed_ends_as_if_nothing_was(
     working_backend, probes, undisturbed, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(run, "probe_backends", lambda: probes)
+    monkeypatch.setattr(run, "probe_backends", lambda *_: probes)
     rng = random.Random(7)
     over, lock = threading.Event(), threading.Lock()
     at, hit, dead, rounds = {}, set(), [], 0

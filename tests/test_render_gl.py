@@ -14,6 +14,7 @@ import mrm_nodes
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import (
     BACKENDS,
+    BackendReport,
     Camera,
     CameraLight,
     DirectionalLight,
@@ -566,6 +567,27 @@ def test_the_probe_tells_what_works():
         else:
             assert report.backend not in REQUIRED, report
             assert report.reason and "apt-get install" in report.hint
+
+
+def test_only_what_a_request_hangs_on_is_probed(monkeypatch):
+    module = sys.modules["mrm_nodes.render.context"]
+    probed = []
+
+    def probe(backend, working):
+        probed.append(backend)
+        return BackendReport(backend, backend in working)
+
+    for request, working, expected in (
+        ("auto", "egl osmesa", ["egl"]),
+        ("auto", "osmesa", ["egl", "osmesa"]),
+        ("osmesa", "egl osmesa", ["osmesa"]),
+        ("all", "egl osmesa", ["egl", "osmesa"]),
+        ("glx", "egl osmesa", []),
+    ):
+        probed.clear()
+        monkeypatch.setattr(module, "_probe", lambda backend, working=working: probe(backend, working))
+        assert [each.backend for each in probe_backends(request)] == expected
+        assert sorted(probed) == expected
 
 
 def run_python(code, **environment):

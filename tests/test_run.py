@@ -2,6 +2,9 @@
 
 import json
 import signal
+import subprocess
+import sys
+import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
@@ -97,7 +100,7 @@ class Judges:
 def judges(monkeypatch):
     judges = Judges()
     monkeypatch.setattr(run, "run_locally", judges)
-    monkeypatch.setattr(run, "probe_backends", lambda: [EGL, NO_OSMESA])
+    monkeypatch.setattr(run, "probe_backends", lambda *_: [EGL, NO_OSMESA])
     monkeypatch.delenv("MRM_REQUIRE_BACKENDS", raising=False)
     return judges
 
@@ -139,6 +142,17 @@ def test_an_interrupted_run_leaves_a_partial_report_and_goes_on_from_there(judge
     assert "partial" not in report["environment"]
     assert report["environment"]["resumed"] == 2
     assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_what_is_known_needs_no_evaluator():
+    """A run whose results are all in the cache waits for none of what only a worker needs."""
+    program = """
+        import sys
+        import mrm_nodes.commands.regress, mrm_nodes.regression.run, mrm_nodes.regression.suites
+        import mrm_nodes.regression.worker
+        assert not {"numba", "scipy"} & {*sys.modules}
+    """
+    subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
 
 
 def test_a_line_that_a_kill_tore_off_is_no_result(judges, suite, folder):
@@ -212,7 +226,7 @@ def test_another_suite_is_not_gone_on_with(judges, suite, folder):
 def test_another_driver_is_not_gone_on_with(judges, suite, folder, monkeypatch):
     run_suite(suite, folder)
     monkeypatch.setattr(
-        run, "probe_backends", lambda: [BackendReport("egl", True, "Mesa", "llvmpipe", "4.6")]
+        run, "probe_backends", lambda *_: [BackendReport("egl", True, "Mesa", "llvmpipe", "4.6")]
     )
     with pytest.raises(MrmError, match="--resume: OpenGL of the egl backend changed since"):
         run_suite(suite, folder, resume=True)

@@ -20,7 +20,6 @@ from mrm_nodes.regression.compare import Bounds, compare, relative_error
 from mrm_nodes.regression.environment_reference import environment_tolerance, replicated, sample_counts
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
-from mrm_nodes.regression.physics import Points, light_tree, shade_tree
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.tolerance import Tolerance, compare_images
 from mrm_nodes.regression.workshop import Workshop
@@ -321,6 +320,9 @@ class _Bench:
 
 def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expected: _Expected) -> None:
     """Complete what is expected with the evaluator's reference of the points of a mask."""
+    # The evaluator takes half a second to import: who compares with stored images does without it.
+    from mrm_nodes.regression.physics import Points, light_tree, shade_tree
+
     case, closure, resolve = bench.case, bench.closure, bench.resolver(mask)
     if mask.any():
         if np.any(np.asarray(resolve(closure.opacity)) != 1.0):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mrm_nodes import reference as ref
+import mrm_nodes  # whose evaluator is imported when it is first used: that takes half a second
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import host
 from mrm_nodes.regression.compare import grazing_factor
@@ -43,17 +43,19 @@ def evaluator(node: str, values: Mapping[str, Any], compensated: bool = True) ->
         "thinfilm_ior": as_float32(values["thinfilm_ior"]),
     }
     if node == "mrm_conductor_bsdf":
-        return ref.Conductor(as_float32(values["ior"]), as_float32(values["extinction"]), **common)
+        return mrm_nodes.reference.Conductor(
+            as_float32(values["ior"]), as_float32(values["extinction"]), **common
+        )
     if node == "mrm_dielectric_bsdf":
         tint = np.maximum(as_float32(values["tint"]), 0.0)
-        return ref.Dielectric(
+        return mrm_nodes.reference.Dielectric(
             as_float32(values["ior"]), tint=tint, scatter_mode=values["scatter_mode"], **common
         )
     if node == "mrm_generalized_schlick_bsdf":
         colors = {
             name: np.maximum(as_float32(values[name]), 0.0) for name in ("color0", "color82", "color90")
         }
-        return ref.GeneralizedSchlick(
+        return mrm_nodes.reference.GeneralizedSchlick(
             **colors, exponent=as_float32(values["exponent"]), scatter_mode=values["scatter_mode"], **common
         )
     raise MrmError(f"the evaluator has no {node}")
@@ -138,7 +140,8 @@ class DiffuseBase:
     def eval(self, v: Array, l: Array) -> Array:  # noqa: E741  the field's own name
         """The base's response per cosine, times what the coat lets through."""
         through: Array = self.coat.throughput(v, l, as_float32(self.weight))
-        return through * ref.lambert(as_float32(self.color), v, l)
+        response: Array = through * mrm_nodes.reference.lambert(as_float32(self.color), v, l)
+        return response
 
 
 def _to_frame(frame: Array, direction: Array) -> Array:

@@ -32,7 +32,7 @@ from mrm_nodes.regression.files import prepare_folder
 from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, versions
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.report import write_report
-from mrm_nodes.render.context import BackendReport, probe_backends
+from mrm_nodes.render.context import BACKENDS, BackendReport, probe_backends
 
 REQUIRE_VARIABLE = "MRM_REQUIRE_BACKENDS"
 """Names the backends, with commas, whose absence is an error and not skipped: for continuous integration."""
@@ -61,11 +61,11 @@ def plan_backends(request: str, probes: Sequence[BackendReport], required: Seque
         MrmError: an unknown backend; one asked for by name or required that does not work; none that works.
     """
     known = {probe.backend: probe for probe in probes}
-    if request not in ("auto", "all", *known):
-        raise MrmError(f"unknown backend {request}; known: auto, all, {', '.join(known)}")
+    if request not in ("auto", "all", *BACKENDS):
+        raise MrmError(f"unknown backend {request}; known: auto, all, {', '.join(BACKENDS)}")
     for name in required:
-        if name not in known:
-            raise MrmError(f"{REQUIRE_VARIABLE} names {name}; known: {', '.join(known)}")
+        if name not in BACKENDS:
+            raise MrmError(f"{REQUIRE_VARIABLE} names {name}; known: {', '.join(BACKENDS)}")
     working = [name for name, probe in known.items() if probe.works]
     wanted = {"auto": working[:1] or list(known), "all": list(known)}.get(request, [request])
     missing = {name: f"{known[name].reason}; {known[name].hint}" for name in wanted if name not in working}
@@ -129,7 +129,7 @@ def run_suite(
         KeyboardInterrupt: the run was ended.
     """
     prepare_folder(folder)
-    plan = plan_backends(backend, probe_backends(), required_backends())
+    plan = plan_backends(backend, probe_backends(backend), required_backends())
     with _ended_by_signals(), journal.locked(folder), _writing(folder), _scratch(folder) as scratch:
         run = _Run(tasks, folder, plan, shard, cache, on_outcome)
         run.environment["jobs"] = jobs

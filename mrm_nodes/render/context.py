@@ -7,9 +7,11 @@ import ctypes.util
 import functools
 import json
 import os
+import struct
 import subprocess
 import sys
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -196,16 +198,29 @@ def get_context(backend: str = "auto") -> GLContext:
     raise MrmError("no OpenGL without a display: " + " | ".join(reasons))
 
 
-def probe_backends() -> list[BackendReport]:
-    """Try every backend, each in a process of its own, where even a crashing driver does no harm.
+def probe_backends(request: str = "all") -> list[BackendReport]:
+    """Try the backends that a request hangs on, each in a process of its own: even a crashing driver does no harm.
 
     Never raises.
+
+    Args:
+        request: a backend; `all`; or `auto`, for which the second is tried only where the first does not work.
     """
-    return [_probe(backend) for backend in BACKENDS]
+    if request != "auto":
+        wanted = BACKENDS if request == "all" else tuple(name for name in BACKENDS if name == request)
+        with ThreadPoolExecutor(len(BACKENDS)) as pool:
+            return list(pool.map(_probe, wanted))
+    reports = []
+    for backend in BACKENDS:
+        reports.append(_probe(backend))
+        if reports[-1].works:
+            break
+    return reports
 
 
 def _probe(backend: str) -> BackendReport:
-    command = [sys.executable, "-c", f"from {__name__} import _probe_here; _probe_here({backend!r})"]
+    # This file alone, without its package: a run waits for the probe.
+    command = [sys.executable, "-P", __file__, backend]
     # The child must find this package wherever this process found it.
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     try:
@@ -244,8 +259,6 @@ def _probe_here(backend: str) -> None:
 
 
 def _draws_one_pixel(ctx: moderngl.Context) -> bool:
-    import numpy as np
-
     program = ctx.program(
         vertex_shader="#version 400\nvoid main() { gl_Position = vec4(0.0, 0.0, 0.0, 1.0); }",
         fragment_shader="#version 400\nout vec4 c; void main() { c = vec4(-1.5, 1e-6, 70000.0, 1.0); }",
@@ -254,5 +267,9 @@ def _draws_one_pixel(ctx: moderngl.Context) -> bool:
     target.use()
     target.clear()
     ctx.vertex_array(program, []).render(moderngl.POINTS, vertices=1)
-    pixel = np.frombuffer(target.read(components=4, dtype="f4"), "f4")
-    return bool(np.array_equal(pixel, np.array([-1.5, 1e-6, 70000.0, 1.0], "f4")))
+    pixel: bytes = target.read(components=4, dtype="f4")
+    return pixel == struct.pack("4f", -1.5, 1e-6, 70000.0, 1.0)
+
+
+if __name__ == "__main__":
+    _probe_here(sys.argv[1])

@@ -1,10 +1,15 @@
 """Who does which task, and when."""
 
+import multiprocessing
+import os
 from types import SimpleNamespace
 
+from mrm_nodes.regression import cluster
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.executors import Queue, estimate, threads
+from mrm_nodes.regression.inputs import conditions, digest_of
+from mrm_nodes.regression.outcome import outcome_of
 
 
 def task(name, structure, seconds):
@@ -62,3 +67,40 @@ def test_processes_share_the_processors(monkeypatch):
     monkeypatch.setattr("os.sched_getaffinity", lambda process: set(range(8)))
     assert threads(2)["NUMBA_NUM_THREADS"] == "4"
     assert threads(16)["LP_NUM_THREADS"] == "1"
+
+
+class Started:
+    """In place of a worker process: its outcome says which process started it."""
+
+    def __init__(self, backend, variables):
+        self.driver, self.starter = "some OpenGL", os.getpid()
+
+    def give(self, task, folder, time_limit):
+        self.task = task
+
+    def wait_for_answer(self):
+        return outcome_of(self.task, "egl", "pass", message=str(self.starter)), [], True
+
+
+def test_a_fork_has_worker_processes_of_its_own(monkeypatch, tmp_path):
+    """Those that its parent left waiting answer the parent too: two processes would read one pipe."""
+    monkeypatch.setattr(cluster, "WorkerProcess", Started)
+    monkeypatch.setattr(cluster, "_idle", {})
+    case = default_suite()[0]
+    order = cluster.Order(case, "egl", {}, digest_of(conditions("some OpenGL")), 60.0)
+
+    def starter():
+        outcome, _ = cluster._judge(order, case, tmp_path)
+        return int(outcome.message)
+
+    def tell(pipe):
+        pipe.send((os.getpid(), starter()))
+
+    assert starter() == starter() == os.getpid()
+    near, far = multiprocessing.Pipe()
+    child = multiprocessing.get_context("fork").Process(target=tell, args=(far,))
+    child.start()
+    itself, its_starter = near.recv()
+    child.join()
+    assert its_starter == itself != os.getpid()
+    assert starter() == os.getpid()

@@ -43,7 +43,7 @@ def report(*verdicts, message="", **environment):
     return {
         "environment": {**ENVIRONMENT, **environment},
         "cases": [as_record(each) for each in told],
-        "summary": summarise(told, 12.0),
+        "summary": summarise(map(as_record, told), 12.0),
     }
 
 

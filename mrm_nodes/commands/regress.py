@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -141,7 +141,6 @@ def regress(
     """
     from mrm_nodes.regression import cache, cluster, suites, terminal
     from mrm_nodes.regression.run import run_suite
-    from mrm_nodes.scenes import scene_gallery
 
     # Reading a suite and each of its workers may have the same to say.
     warnings.simplefilter("once", MrmWarning)
@@ -164,13 +163,19 @@ def regress(
                 cache=known,
                 resume=resume,
                 cluster=place,
-                gallery=scene_gallery if scenes else None,
+                gallery=_scene_gallery if scenes else None,
                 on_partial=lambda partial: _write(partial, json_file, junit, strict),
             )
     except KeyboardInterrupt:
         click.echo(f"interrupted; what was done is in {folder}: go on with --resume", err=True)
         raise
     return _publish(report, folder, json_file, junit, strict)
+
+
+def _scene_gallery(folder: Path) -> Sequence[Mapping[str, str]]:
+    from mrm_nodes.scenes import scene_gallery
+
+    return scene_gallery(folder)
 
 
 @click.command()
@@ -238,15 +243,13 @@ def _publish(
 
 def _write(report: Mapping[str, Any], json_file: Path | None, junit: Path | None, strict: bool) -> None:
     """Write what is asked for besides the page."""
-    import json
-
     from mrm_nodes.regression.files import write_text
     from mrm_nodes.regression.junit import junit_xml
+    from mrm_nodes.regression.report import report_text
 
     if junit is not None:
         write_text(junit, junit_xml(report, strict))
-    text = json.dumps(report, indent=1, allow_nan=False) + "\n"
     if json_file == STDOUT:
-        click.echo(text, nl=False)
+        click.echo(report_text(report), nl=False)
     elif json_file is not None:
-        write_text(json_file, text)
+        write_text(json_file, report_text(report))

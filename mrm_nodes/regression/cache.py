@@ -16,7 +16,7 @@ from pathlib import Path
 import platformdirs
 
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression.journal import Entry, Sums, checksum, entry_of, line_of
+from mrm_nodes.regression.journal import Entry, Sums, checksum, entry_for, entry_of, line_of
 from mrm_nodes.regression.outcome import Outcome
 
 LIMIT = 4 << 30
@@ -83,7 +83,7 @@ class Cache:
             try:
                 for number, name in enumerate(sums):
                     _link(f"{folder}/{name}", f"{unfinished}/{number}")
-                (unfinished / _OUTCOME).write_text(line_of(Entry(outcome, sums)))
+                (unfinished / _OUTCOME).write_bytes(line_of(entry_for(outcome, sums)))
                 # An earlier entry was not good enough to be used.
                 shutil.rmtree(place, ignore_errors=True)
                 with contextlib.suppress(FileExistsError):  # another run was quicker
@@ -123,13 +123,9 @@ class Cache:
 
 def _is_intact(place: Path, sums: Sums) -> bool:
     try:
-        for number, expected in enumerate(sums.values()):
-            with open(f"{place}/{number}", "rb", buffering=0) as file:  # noqa: PTH123  a third of the time
-                if checksum(file.read()) != expected:
-                    return False
+        return all(checksum(f"{place}/{number}") == each for number, each in enumerate(sums.values()))
     except OSError:
         return False
-    return True
 
 
 def _link(source: str, target: str) -> None:

@@ -8,7 +8,7 @@ import importlib.metadata
 import json
 import os
 import platform
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -115,8 +115,11 @@ def conditions(driver: str) -> dict[str, str]:
     }
 
 
-def key(task: Task, backend: str, inputs: Inputs, around: Mapping[str, str]) -> str:
-    """The digest of everything that the result of a task on a backend depends on; see `conditions`."""
+def key(task: Task, backend: str, inputs: Inputs, around: str) -> str:
+    """The digest of everything that the result of a task on a backend depends on.
+
+    around: the digest of the `conditions`.
+    """
     return digest_of(
         {
             "name": task.name,
@@ -126,7 +129,7 @@ def key(task: Task, backend: str, inputs: Inputs, around: Mapping[str, str]) -> 
             "setup": task.describe(),
             "files": {_name(path, task): inputs.digest(path) for path in task.files()},
             "backend": backend,
-            "conditions": dict(around),
+            "conditions": around,
         }
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import functools
 import json
 import os
 import warnings
@@ -24,6 +25,10 @@ from mrm_nodes.regression.outcome import Outcome, as_record, from_record
 
 NAME = "journal"
 FORMAT = 1
+
+_PIECE = 1 << 16
+"""Bytes that are read at a time: what a processor's own memory holds."""
+
 _LOCK = ".lock"
 
 Sums = dict[str, list[int]]
@@ -32,26 +37,37 @@ Sums = dict[str, list[int]]
 
 @dataclass(frozen=True)
 class Entry:
-    """One outcome of a journal, and its files' checksums."""
+    """One outcome of a journal, as `as_record` has it, and its files' checksums."""
 
-    outcome: Outcome
+    record: Mapping[str, Any]
     sums: Sums
+
+    @functools.cached_property
+    def outcome(self) -> Outcome:
+        """The outcome itself."""
+        return from_record(self.record)
 
     def is_intact(self, folder: Path) -> bool:
         """Whether the case's files still hold what they held when the outcome was written."""
-        return all(_sum_or_none(folder / name) == each for name, each in self.sums.items())
+        try:
+            return all(checksum(folder / name) == each for name, each in self.sums.items())
+        except OSError:
+            return False
 
 
-def checksum(contents: bytes) -> list[int]:
-    """Size and CRC-32 of a file's contents."""
-    return [len(contents), zlib.crc32(contents)]
+def checksum(path: str | Path) -> list[int]:
+    """Size and CRC-32 of a file.
 
-
-def _sum_or_none(path: Path) -> list[int] | None:
-    try:
-        return checksum(path.read_bytes())
-    except OSError:
-        return None
+    Raises:
+        OSError: it cannot be read.
+    """
+    piece = memoryview(bytearray(_PIECE))
+    size = sum_ = 0
+    with open(path, "rb", buffering=0) as file:  # noqa: PTH123  a third of the time
+        while count := file.readinto(piece):
+            sum_ = zlib.crc32(piece[:count], sum_)
+            size += count
+    return [size, sum_]
 
 
 @dataclass(frozen=True)
@@ -63,28 +79,20 @@ class Past:
 
 
 class Journal:
-    """A journal that is being written: `add` an outcome, and it will be there after any kill."""
+    """A journal that is being written: add an outcome, and it will be there after any kill."""
 
     def __init__(self, folder: Path, header: Mapping[str, Any], entries: Sequence[Entry]) -> None:
         self._path = folder / NAME
         lines = [_line({**header, "format": FORMAT}), *(line_of(each) for each in entries)]
         # Written anew, so that a torn last line is gone before the next one is added.
-        write_text(self._path, "".join(lines))
+        write_text(self._path, b"".join(lines).decode())
         try:
             self._file = os.open(self._path, os.O_WRONLY | os.O_APPEND)
         except OSError as error:
             raise MrmError(f"{self._path}: cannot be written: {error.strerror}") from None
 
-    def add(self, outcome: Outcome, sums: Sums) -> None:
-        """Add an outcome and the checksums of its files.
-
-        Raises:
-            OSError: there is no room.
-        """
-        self.add_line(line_of(Entry(outcome, sums)).encode())
-
     def add_line(self, line: bytes) -> None:
-        """Add what `line_of` gave.
+        """Add an outcome: what `line_of` gave.
 
         Raises:
             OSError: there is no room.
@@ -127,20 +135,25 @@ def read(folder: Path) -> Past | None:
     return Past(header, whole)
 
 
-def line_of(entry: Entry) -> str:
-    """An outcome and its files' checksums as a line with its own."""
-    return _line({"outcome": as_record(entry.outcome), "files": entry.sums})
+def entry_for(outcome: Outcome, sums: Sums) -> Entry:
+    """What a journal holds of an outcome."""
+    return Entry(as_record(outcome), sums)
+
+
+def line_of(entry: Entry) -> bytes:
+    """An entry as a line with its checksum."""
+    return _line({"outcome": entry.record, "files": entry.sums})
 
 
 def entry_of(line: bytes) -> Entry | None:
     """What `line_of` wrote, without the end of the line; None if it is damaged."""
     record = _parsed(line)
-    return None if record is None else Entry(from_record(record["outcome"]), record["files"])
+    return None if record is None else Entry(record["outcome"], record["files"])
 
 
-def _line(record: Mapping[str, Any]) -> str:
-    text = json.dumps(record)
-    return f"{zlib.crc32(text.encode()):08x} {text}\n"
+def _line(record: Mapping[str, Any]) -> bytes:
+    text = json.dumps(record).encode()
+    return b"%08x %b\n" % (zlib.crc32(text), text)
 
 
 def _parsed(line: bytes) -> dict[str, Any] | None:

@@ -31,7 +31,7 @@ from mrm_nodes.regression.executors import TIME_LIMIT, Judged, estimate, run_loc
 from mrm_nodes.regression.files import prepare_folder
 from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, versions
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
-from mrm_nodes.regression.report import write_report
+from mrm_nodes.regression.report import write_records
 from mrm_nodes.render.context import BACKENDS, BackendReport, probe_backends
 
 REQUIRE_VARIABLE = "MRM_REQUIRE_BACKENDS"
@@ -135,7 +135,7 @@ def run_suite(
         run.environment["jobs"] = jobs
         past = _past(folder, resume)
         kept = run.still_holds(past) if resume and past.header else []
-        seconds = {_name(each.outcome): sum(each.outcome.seconds.values()) for each in past.entries}
+        seconds = {_name(each.record): sum(each.record["seconds"].values()) for each in past.entries}
         with run.recorded(kept, on_partial):
             run.take_from_cache()
             for name, driver in plan.drivers.items():
@@ -180,14 +180,15 @@ class _Run:
         self.inputs = Inputs()
         self._tasks = shard_of(tasks, shard)
         self._conditions = {name: conditions(driver) for name, driver in plan.drivers.items()}
+        arounds = {name: digest_of(each) for name, each in self._conditions.items()}
         self._keys = {
             f"{name} {task.name}": key(task, name, self.inputs, around)
-            for name, around in self._conditions.items()
+            for name, around in arounds.items()
             for task in self._tasks
         }
         self._suite = digest_of([[task.name, task.kind, task.describe()] for task in tasks])
         self._shard = shard
-        self._outcomes: dict[str, Outcome] = {}
+        self._records: dict[str, Mapping[str, Any]] = {}
         self._journal: journal.Journal | None = None
         self.environment = {**describe_environment(plan), "backend_seconds": {}}
         if shard != (1, 1):
@@ -214,7 +215,7 @@ class _Run:
             if keys.get(name) != self._keys.get(name):
                 how = "is new" if name not in keys else "changed" if name in self._keys else "is gone"
                 raise MrmError(self._cannot_resume(f"the suite changed since: {name} {how}"))
-        known = {_name(each.outcome): each for each in past.entries if _name(each.outcome) in self._keys}
+        known = {_name(each.record): each for each in past.entries if _name(each.record) in self._keys}
         intact = [entry for entry in known.values() if entry.is_intact(self._folder)]
         if len(intact) < len(known):
             warnings.warn(
@@ -252,7 +253,7 @@ class _Run:
                     for task in self._tasks:
                         self._note(outcome_of(task, name, "skipped", message=reason), {})
                 for entry in kept:
-                    self._show(entry.outcome)
+                    self._show(entry)
                 if kept:
                     self.environment["resumed"] = len(kept)
                 yield
@@ -262,14 +263,15 @@ class _Run:
                 )
                 for name in self._plan.drivers:
                     for task in self.waiting(name):
-                        self._show(outcome_of(task, name, "skipped", message="not run"), quietly=True)
+                        outcome = outcome_of(task, name, "skipped", message="not run")
+                        self._show(journal.entry_for(outcome, {}), quietly=True)
                 with contextlib.suppress(MrmError):
                     on_partial(self.report())
                 raise
 
     def waiting(self, backend: str) -> list[Task]:
         """The tasks that have no outcome on a backend yet."""
-        return [task for task in self._tasks if f"{backend} {task.name}" not in self._outcomes]
+        return [task for task in self._tasks if f"{backend} {task.name}" not in self._records]
 
     def take_from_cache(self) -> None:
         """Note the outcomes that are known from other runs, and write their files."""
@@ -283,7 +285,7 @@ class _Run:
                     found += 1
                     entry, line = known
                     self._journal.add_line(line)
-                    self._show(entry.outcome)
+                    self._show(entry)
         self.environment["cached"] = found
 
     def accept(self, judged: Judged) -> None:
@@ -302,7 +304,7 @@ class _Run:
             warnings.warn(text, MrmWarning, stacklevel=2)
         self._note(outcome, sums)
         if self._cache is not None:
-            self._cache.put(self._keys[_name(outcome)], outcome, self._folder, sums)
+            self._cache.put(self._keys[f"{outcome.backend} {outcome.name}"], outcome, self._folder, sums)
 
     def _check_room(self) -> None:
         """See whether a full disk may be at fault, which is no case's error."""
@@ -311,21 +313,22 @@ class _Run:
 
     def _note(self, outcome: Outcome, sums: journal.Sums) -> None:
         assert self._journal is not None
-        self._journal.add(outcome, sums)
-        self._show(outcome)
+        entry = journal.entry_for(outcome, sums)
+        self._journal.add_line(journal.line_of(entry))
+        self._show(entry)
 
-    def _show(self, outcome: Outcome, quietly: bool = False) -> None:
-        self._outcomes[_name(outcome)] = outcome
+    def _show(self, entry: journal.Entry, quietly: bool = False) -> None:
+        self._records[_name(entry.record)] = entry.record
         if not quietly:
             total = len(self._tasks) * (len(self._plan.drivers) + len(self._plan.skipped))
-            self._on_outcome(outcome, len(self._outcomes), total)
+            self._on_outcome(entry.outcome, len(self._records), total)
 
     def report(self) -> dict[str, Any]:
         """Write the report of what there is, and return what report.json holds."""
         if self._cache is not None:
             self._cache.prune()
         seconds = time.perf_counter() - self._start
-        return write_report(self._folder, self.environment, list(self._outcomes.values()), seconds)
+        return write_records(self._folder, self.environment, [*self._records.values()], seconds)
 
 
 def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
@@ -339,7 +342,7 @@ def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
     prepare_folder(folder)
     if folder.resolve() in [part.resolve() for part in parts]:
         raise MrmError(f"{folder}: that is a shard's own folder; choose another with -o")
-    outcomes: dict[str, Outcome] = {}
+    records: dict[str, Mapping[str, Any]] = {}
     shards: dict[int, Path] = {}
     first: Mapping[str, Any] = {}
     seconds = 0.0
@@ -360,13 +363,13 @@ def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
             for entry in past.entries:
                 if not entry.is_intact(part):
                     raise MrmError(
-                        f"{part}: files of {entry.outcome.name} were changed or removed; run it with --resume"
+                        f"{part}: files of {entry.record['name']} were changed or removed; run it with --resume"
                     )
                 for name in entry.sums:
                     (folder / name).parent.mkdir(parents=True, exist_ok=True)
                     shutil.copyfile(part / name, folder / name)
-                outcomes[_name(entry.outcome)] = entry.outcome
-            undone = {*past.header["keys"]} - {_name(entry.outcome) for entry in past.entries}
+                records[_name(entry.record)] = entry.record
+            undone = {*past.header["keys"]} - {_name(entry.record) for entry in past.entries}
             if undone:
                 raise MrmError(f"{part}: {len(undone)} cases are not done; finish it with --resume")
             seconds = max(seconds, _seconds_of(part / "report.json"))
@@ -375,7 +378,7 @@ def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
         if absent:
             missing = ", ".join(f"{number}/{first['shard'][1]}" for number in absent)
             environment["partial"] = f"shards are missing: {missing}"
-        return write_report(folder, environment, list(outcomes.values()), seconds)
+        return write_records(folder, environment, [*records.values()], seconds)
 
 
 def _seconds_of(report: Path) -> float:
@@ -397,9 +400,9 @@ def describe_environment(plan: Plan) -> dict[str, Any]:
     }
 
 
-def _name(outcome: Outcome) -> str:
+def _name(record: Mapping[str, Any]) -> str:
     """What tells an outcome from the others of a run."""
-    return f"{outcome.backend} {outcome.name}"
+    return f"{record['backend']} {record['name']}"
 
 
 def _past(folder: Path, resume: bool) -> journal.Past:
@@ -416,7 +419,7 @@ def _publish(source: Path, folder: Path) -> journal.Sums:
     for file in sorted(source.rglob("*")):
         if file.is_file():
             name = file.relative_to(source).as_posix()
-            sums[name] = journal.checksum(file.read_bytes())
+            sums[name] = journal.checksum(file)
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             file.replace(folder / name)
     return sums

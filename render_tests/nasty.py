@@ -3,12 +3,14 @@
 import ctypes
 import os
 import signal
+import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 
+from mrm_nodes.errors import MrmWarning
 from mrm_nodes.regression import worker
 from mrm_nodes.render.context import get_context
 
@@ -36,6 +38,12 @@ def _raise(workshop):
     raise RuntimeError("a fault of the case's own")
 
 
+def _warn(text):
+    """A deed that does no harm."""
+    warnings.warn(text, MrmWarning, stacklevel=1)
+    warnings.warn("of no interest to a user", DeprecationWarning, stacklevel=1)
+
+
 DEEDS = {
     "die": _die,
     "hang": _hang,
@@ -57,6 +65,7 @@ class Nasty:
     """Its contents end up in the case's file."""
     edits: bool = False
     """Whether it changes its file once it was read."""
+    warning: str = ""
     kind: ClassVar[str] = "nasty"
     node: ClassVar[str] = "none"
     target: ClassVar[str] = "glsl"
@@ -77,6 +86,8 @@ def judge(task, workshop, outcome, folder):
         if task.marker:
             task.marker.write_text("done")
         DEEDS[task.deed](workshop)
+    if task.warning:
+        _warn(task.warning)
     contents = task.file.read_bytes() if task.file else b""
     if task.edits:
         task.file.write_text("edited")

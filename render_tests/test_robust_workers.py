@@ -6,12 +6,13 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures import ProcessPoolExecutor
+import warnings
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import pytest
 from nasty import DEEDS, Nasty
 
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression.cluster import Cluster
 from mrm_nodes.regression.executors import WorkerProcess
 from mrm_nodes.regression.run import run_suite
@@ -63,6 +64,18 @@ def test_an_executors_workers_survive_the_same(working_backend, tmp_path):
         )
     assert verdicts(report) == {"die": "error", "once": "pass", **{task.name: "pass" for task in GOOD}}
     assert "signal 9" in report["cases"][0]["message"]
+
+
+@pytest.mark.parametrize("place", ["workers of its own", "an executor's workers"])
+def test_what_workers_warn_of_is_said_here_and_once(working_backend, tmp_path, capfd, place):
+    text = f"{tmp_path}: the mesh has no normals; made some"
+    tasks = [Nasty(f"{number}", warning=text) for number in range(4)]
+    with ThreadPoolExecutor(2) as executor, warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("once", MrmWarning)
+        cluster = Cluster(executor) if place == "an executor's workers" else None
+        run_suite(tasks, tmp_path / "report", working_backend, 2, cluster=cluster)
+    assert [(str(each.message), each.category) for each in heard] == [(text, MrmWarning)]
+    assert "Warning" not in capfd.readouterr().err
 
 
 def test_a_worker_process_ends_with_the_one_that_started_it(working_backend):

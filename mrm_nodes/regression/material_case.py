@@ -89,7 +89,7 @@ class MaterialCase:
     @property
     def node(self) -> str:
         """The material: the report filters by it."""
-        return self.element.rpartition("/")[2]
+        return self.element.rpartition("/")[2] or Path(self.material).stem
 
     @property
     def kind(self) -> str:

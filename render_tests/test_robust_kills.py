@@ -1,4 +1,7 @@
-"""kill -9, of the run and of its workers, at random moments: in the end all is as an undisturbed run leaves it."""
+"""kill -9, of the run and of its workers, at random moments: in the end all is as an undisturbed run leaves it.
+
+No baseline is touched by any of it.
+"""
 
 import json
 import multiprocessing
@@ -11,10 +14,12 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree as ET
 
 import pytest
 
-from mrm_nodes.regression import journal, run
+from mrm_nodes import cli
+from mrm_nodes.regression import journal, run, suites
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.executors import WorkerProcess
 from mrm_nodes.regression.run import run_suite
@@ -35,11 +40,62 @@ def probes(working_backend):
     return probe_backends()
 
 
+VELVET = """<materialx version="1.39">
+<sheen_bsdf name="b" type="BSDF" />
+<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="b" /></surface>
+<surfacematerial name="velvet" type="material">
+  <input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial>
+</materialx>"""
+SUITE = """
+[[case]]
+material = "velvet.mtlx"
+size = 24
+[case.matrix]
+"input:b/roughness" = [0.2, 0.4, 0.6, 0.8]
+"""
+
+
 @pytest.fixture(scope="module")
-def undisturbed(working_backend, tmp_path_factory):
+def studio(working_backend, tmp_path_factory):
+    """A suite whose cases have baselines."""
+    folder = tmp_path_factory.mktemp("studio")
+    (folder / "velvet.mtlx").write_text(VELVET)
+    (folder / "suite.toml").write_text(SUITE)
+    names = ["--suite", str(folder / "suite.toml"), "--report", str(folder / "report")]
+    run_suite(suites.suite(names[1]), folder / "report", working_backend)
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["baseline", "accept", "*", *names])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def tasks(studio):
+    """Some are compared with physics and some with baselines."""
+    return [*suites.suite(str(studio / "suite.toml")), *CASES]
+
+
+@pytest.fixture(autouse=True)
+def no_baseline_is_touched(studio):
+    """Neither its contents nor its file."""
+
+    def look():
+        files = sorted((studio / "baselines").iterdir())
+        return {file.name: (file.read_bytes(), file.stat().st_mtime_ns, file.stat().st_ino) for file in files}
+
+    before = look()
+    assert len(before) == 2 * 4 + 1
+    yield
+    assert look() == before
+
+
+@pytest.fixture(scope="module")
+def undisturbed(working_backend, tasks, tmp_path_factory):
     """The report of a run that nothing happens to."""
     folder = tmp_path_factory.mktemp("undisturbed")
-    return run_suite(CASES, folder, working_backend), folder
+    report = run_suite(tasks, folder, working_backend)
+    assert [case["verdict"] for case in report["cases"] if case["truth"] == "baseline"] == ["pass"] * 4
+    return report, folder
 
 
 def is_the_same(report, folder, undisturbed):
@@ -63,7 +119,7 @@ def workers_of(process):
 
 
 def test_a_run_that_is_killed_goes_on_where_it_was(
-    working_backend, probes, undisturbed, tmp_path, monkeypatch
+    working_backend, probes, tasks, undisturbed, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(run, "probe_backends", lambda *_: probes)
     rng = random.Random(6)
@@ -73,7 +129,7 @@ def test_a_run_that_is_killed_goes_on_where_it_was(
     done, finished = 0, 0
     for number in range(KILLS):
         arguments = {"jobs": 1 + number % 2, "resume": True}
-        process = fork.Process(target=run_suite, args=(CASES, folder, working_backend), kwargs=arguments)
+        process = fork.Process(target=run_suite, args=(tasks, folder, working_backend), kwargs=arguments)
         process.start()
         process.join(rng.uniform(0.0, 5.0))
         process.kill()
@@ -88,12 +144,12 @@ def test_a_run_that_is_killed_goes_on_where_it_was(
         count = len(past.entries) if past else 0
         assert count >= done, "a result was lost"
         done = count
-    report = run_suite(CASES, folder, working_backend, 2, resume=True)
+    report = run_suite(tasks, folder, working_backend, 2, resume=True)
     is_the_same(report, folder, undisturbed)
 
 
 def test_a_run_whose_workers_are_killed_ends_as_if_nothing_was(
-    working_backend, probes, undisturbed, tmp_path, monkeypatch
+    working_backend, probes, tasks, undisturbed, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(run, "probe_backends", lambda *_: probes)
     rng = random.Random(7)
@@ -129,29 +185,50 @@ def test_a_run_whose_workers_are_killed_ends_as_if_nothing_was(
     try:
         while len(dead) < KILLS:
             rounds += 1
-            report = run_suite(CASES, tmp_path / str(rounds), working_backend, 2)
+            report = run_suite(tasks, tmp_path / str(rounds), working_backend, 2)
             is_the_same(report, tmp_path / str(rounds), undisturbed)
     finally:
         over.set()
         killer.join()
 
 
-@pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGTERM])
-def test_the_command_ends_with_130_and_a_partial_report(working_backend, tmp_path, signal_):
-    command = [sys.executable, "-m", "mrm_nodes", "regress", "-o", tmp_path / "report", "--no-cache"]
-    command += ["--backend", working_backend, "--filter", "conductor-ggx"]
+@pytest.mark.parametrize("signal_", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_command_that_is_ended_leaves_what_it_came_to(working_backend, tmp_path, signal_):
+    """With Ctrl-C or SIGTERM as a partial report in every form; after kill -9 as what --resume goes on from."""
+    folder, junit, copy = tmp_path / "report", tmp_path / "junit.xml", tmp_path / "copy.json"
+    folder.mkdir()
+    for earlier in (folder / "report.json", junit, copy):
+        earlier.write_text("of an earlier run")
+    command = [sys.executable, "-m", "mrm_nodes", "regress", "-o", folder, "--junit", junit, "--json", copy]
+    command += ["--no-cache", "--backend", working_backend, "--filter", "conductor-ggx"]
     path = os.pathsep.join(path for path in sys.path if path)
     with subprocess.Popen(command, stderr=subprocess.PIPE, env={**os.environ, "PYTHONPATH": path}) as process:
-        while not (past := journal.read(tmp_path / "report")) or not past.entries:
+        while not (past := journal.read(folder)) or not past.entries:
             assert process.poll() is None
             time.sleep(0.02)
         process.send_signal(signal_)
         _, complaint = process.communicate()
+    done = journal.read(folder).entries
+    assert done and all(entry.is_intact(folder) for entry in done)
+    if signal_ == signal.SIGKILL:
+        assert process.returncode == -signal.SIGKILL
+        assert not [file for file in (folder / "report.json", junit, copy) if file.exists()]
+        return
     assert process.returncode == 130
     assert b"interrupted; what was done is in" in complaint
     assert b"Traceback" not in complaint
-    report = json.loads((tmp_path / "report" / "report.json").read_text())
+    report = json.loads((folder / "report.json").read_text())
+    assert json.loads(copy.read_text()) == report
     assert report["environment"]["partial"] == "it was interrupted"
-    assert report["summary"]["passed"] >= 1
-    assert report["summary"]["passed"] + report["summary"]["skipped"] == report["summary"]["total"]
-    assert (tmp_path / "report" / "index.html").exists()
+    summary = report["summary"]
+    assert summary["passed"] == len(done)
+    assert summary["passed"] + summary["skipped"] == summary["total"]
+    assert (folder / "index.html").exists()
+    (suite,) = ET.parse(junit).getroot()
+    assert {name: int(suite.get(name)) for name in ("tests", "skipped", "failures", "errors")} == {
+        "tests": summary["total"],
+        "skipped": summary["skipped"],
+        "failures": 0,
+        "errors": 0,
+    }
+    assert suite.find("properties/property[@name='partial']").get("value") == "it was interrupted"

@@ -232,10 +232,10 @@ def _publish(
 
     from mrm_nodes.regression import terminal
 
+    _write(report, json_file, junit, strict)
     # The report alone is on stdout where it was asked for there.
     console = Console(highlight=False, stderr=json_file == STDOUT)
     terminal.print_summary(report, folder / "index.html", console)
-    _write(report, json_file, junit, strict)
     summary = report["summary"]
     bad = summary["failed"] + summary["errors"] + (summary["undecided"] if strict else 0)
     return FAILED if bad else 0

@@ -113,6 +113,8 @@ def lobes():
         "schlick through", ref.GeneralizedSchlick((0.3, 0.2, 0.1), alpha=0.4, scatter_mode="RT"), INSIDE
     )
     yield case("film", ref.Dielectric(1.5, 0.4, scatter_mode="RT", thinfilm_thickness=400.0), OUTSIDE)
+    rough = {"alpha": (0.9, 0.2), "slope_correlation": 0.3, "energy_compensation": "kulla-conty"}
+    yield case("kulla-conty, anisotropic", ref.Conductor(0.2, 3.9, retroreflectivity=0.4, **rough), OUTSIDE)
     yield case(
         "kulla-conty",
         ref.Conductor(0.2, 3.9, 0.8, retroreflectivity=0.4, energy_compensation="kulla-conty"),

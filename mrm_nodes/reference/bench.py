@@ -17,7 +17,8 @@ from . import compiled
 from . import microsurface as surface
 from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
 from .compiled import Array
-from .energy import COLUMNS, RESOLUTION, ROWS, white_albedo_table
+from .energy import RESOLUTION, white_albedo_table
+from .energy_formulas import COLUMNS, ROWS
 from .fresnel import fresnel_conductor
 
 #: Complex index of a copper-like metal, for red, green and blue.

@@ -29,7 +29,7 @@ from .checks import (
     scalar,
 )
 from .compiled import Array, Kernel, run
-from .energy import white_albedo_table
+from .energy import any_lobe_table, white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
 from .quadrature import quadrature_nodes
 
@@ -101,6 +101,11 @@ class Lobe:
                 "mean_slope must be 0 with V-cavities and with retroreflectivity: "
                 "both need a distribution that is symmetric about the normal"
             )
+        if shifted and self._compensation in (energy.TURQUIN, energy.KULLA_CONTY):
+            raise ValueError(
+                f"mean_slope must be 0 with energy_compensation {energy_compensation!r}: "
+                "its tables are of slopes that are centred on the normal"
+            )
         unphysical = self._masking not in (surface.SMITH, surface.VCAVITY)
         if unphysical and self._scatter != block.REFLECT:
             raise ValueError(
@@ -139,7 +144,9 @@ class Lobe:
         if self._compensation in (energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
             return np.array(COEFFICIENTS[self._fit_pair()])
         if self._compensation in (energy.TURQUIN, energy.KULLA_CONTY):
-            return white_albedo_table(self._distribution, self._masking, self._correlation)
+            isotropic = not self._rxy.any() and np.array_equal(self._alpha[..., 0], self._alpha[..., 1])
+            make = white_albedo_table if isotropic else any_lobe_table
+            return make(self._distribution, self._masking, self._correlation)
         return np.ones((2, 2))
 
     def _fit_pair(self) -> tuple[str, str]:

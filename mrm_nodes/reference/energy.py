@@ -1,11 +1,13 @@
 """Tables of directional albedo, which forward and retro lobes share (001 eq. 18), and what is built on them.
 
-The tables are those of isotropic lobes. An anisotropic one is looked up at the geometric mean of its two alphas, as in
-MaterialX; of the means that were tried it is the one that makes the least energy. A compensated white albedo is then
-no longer 1 but from 0.92 to 1.04 for alpha (0.5, 0.25), and from 0.65 to 1.05 for (0.9, 0.1).
+An isotropic lobe has its own table, by direction and alpha. E of any other depends on four numbers: one for the
+direction, and three for the ellipse of slopes as it is seen from there, along, across, and how the two are
+correlated. In these a lobe may have any alphas, azimuth and correlated roughness; that table is made where one
+asks for it, once a process, in a few seconds.
 """
 
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,19 +16,36 @@ from . import block, kernels
 from . import energy_formulas as formulas
 from . import microsurface as surface
 from .checks import CORRELATIONS, DISTRIBUTIONS, MASKINGS, choice, scalar
-from .compiled import Array, run
-from .fresnel import SCHLICK
+from .compiled import Array, Kernel, run
+from .energy_formulas import ACROSS, COLUMNS, FREE, ROWS, WIDEST
+from .fresnel import DIELECTRIC
 from .quadrature import quadrature_nodes
 
-ROWS = 48
-COLUMNS = 24
 RESOLUTION = 64
 
-#: Largest error of a look-up, at grazing angles where E falls from 1 within n.v < alpha; 1e-3 for n.v above 0.1.
+#: Largest error of E by a table. Isotropic: at grazing angles where E falls from 1 within n.v < alpha; 1e-3 for
+#: n.v above 0.1. Otherwise for alphas up to 20 to 1 and correlated roughness up to 0.95.
 TABLE_ERROR = 6e-3
 
-#: Most energy that compensation by these tables makes of an anisotropic lobe, alphas up to 9 to 1.
-ANISOTROPIC_ERROR = 0.06
+# Chebyshev points that the table of any lobe is interpolated from, and its quadrature's resolution: a step of
+# any of them changes E by less than half of TABLE_ERROR.
+POINTS = (20, 12, 9, 5)
+COARSE = 32
+
+
+def _integrated(
+    v: Array, alpha: Array, distribution: int, masking: int, correlation: int, resolution: int
+) -> Array:
+    """E by quadrature, of a lobe with F = 1."""
+    # Total reflection inside a dense dielectric: F is 1 and its formula is not asked.
+    index, one, zero = np.full(3, 1e6), np.ones(1), np.zeros(1)
+    white = [
+        alpha, zero, index, np.zeros(3), np.zeros(3), 5.0 * one, zero, one, zero, np.zeros(2), np.ones(3)
+    ]  # fmt: skip
+    modes = [DIELECTRIC, distribution, masking, correlation, formulas.NONE, block.REFLECT, 0, 0, 1]
+    tables = [np.ones((2, 2)), quadrature_nodes(resolution)]
+    (albedo,), _ = run(kernels.INTEGRATE, [-v, np.zeros(3), *white], modes, [3], tables)
+    return np.asarray(albedo[..., 0])
 
 
 @lru_cache(maxsize=32)
@@ -40,15 +59,8 @@ def white_albedo_table(distribution: int, masking: int, correlation: int) -> Arr
     cosine = np.maximum(np.linspace(0.0, 1.0, ROWS) ** 2, 1e-6)
     alpha = np.maximum(np.linspace(0.0, 1.0, COLUMNS) ** 2, 1e-6)
     v = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(ROWS), cosine], axis=-1)[:, np.newaxis]
-    one, zero = np.ones(1), np.zeros(1)
-    white = [
-        np.repeat(alpha[:, np.newaxis], 2, axis=1), zero, np.ones(3), np.ones(3), np.ones(3),
-        5.0 * one, zero, one, zero, np.zeros(2), np.ones(3),
-    ]  # fmt: skip
-    modes = [SCHLICK, distribution, masking, correlation, formulas.NONE, block.REFLECT, 0, 0, 1]
-    nodes = quadrature_nodes(RESOLUTION)
-    (albedo,), _ = run(kernels.INTEGRATE, [v, np.zeros(3), *white], modes, [3], [np.ones((2, 2)), nodes])
-    table = albedo[..., 0]
+    both = np.repeat(alpha[:, np.newaxis], 2, axis=1)
+    table = _integrated(v, both, distribution, masking, correlation, RESOLUTION)
     average = _grid_weights() @ table
     return np.concatenate([table, average[np.newaxis]])
 
@@ -66,22 +78,102 @@ def _grid_weights() -> Array:
     return weights
 
 
-def _look_up(
-    alpha: ArrayLike, cosine: ArrayLike | None, distribution: str, masking: str, correlation: str
-) -> Array:
+@lru_cache(maxsize=32)
+def any_lobe_table(distribution: int, masking: int, correlation: int) -> Array:
+    """`white_albedo_table`, E of any lobe in the rows below it, and its averages in the last ones.
+
+    Over [0, 1] the grid is even in: the roughness across v over WIDEST; the free share of the slopes across v,
+    sqrt(1 - r²) where r is their correlation with those along v; the cosine of v in the standard configuration;
+    and, columns, sqrt of the roughness along v over WIDEST. E is smooth in them, so that it is integrated at a
+    few Chebyshev points and interpolated to the grid, where a look-up is linear."""
+    cosine, along, across, free = np.meshgrid(*(_chebyshev(n) for n in POINTS), indexing="ij")
+    along, across = np.maximum(WIDEST * along**2, 1e-5), np.maximum(WIDEST * across, 1e-5)
+    # The slopes' ellipse has its axes elsewhere than v; Phong knows no other correlation.
+    joint = np.sqrt(1.0 - np.maximum(free, 1e-3) ** 2) * along * across
+    squares, axes = np.linalg.eigh(
+        np.stack([along**2, joint, joint, across**2], -1).reshape(*along.shape, 2, 2)
+    )
+    alpha = np.sqrt(np.maximum(squares, 1e-12))
+    tangent = np.sqrt(1.0 - cosine**2)[..., np.newaxis] * axes[..., 0, :]
+    v = np.concatenate([tangent, (np.maximum(cosine, 1e-3) * along)[..., np.newaxis]], axis=-1)
+    v /= np.linalg.norm(v, axis=-1, keepdims=True)
+    values = _integrated(v, alpha, distribution, masking, correlation, COARSE)
+    for axis, count in enumerate((ROWS, COLUMNS, ACROSS, FREE)):
+        values = np.moveaxis(
+            np.tensordot(_interpolation(values.shape[axis], count), values, (1, axis)), 0, axis
+        )
+    grid = np.minimum(values.transpose(2, 3, 0, 1).reshape(-1, COLUMNS), 1.0)
+    table = np.concatenate([white_albedo_table(distribution, masking, correlation), grid])
+    return np.concatenate([table, _averages(table)])
+
+
+def _chebyshev(count: int) -> Array:
+    """Chebyshev's points of the second kind on [0, 1]."""
+    return np.asarray(0.5 - 0.5 * np.cos(np.pi * np.arange(count) / (count - 1)))
+
+
+def _interpolation(points: int, count: int) -> Array:
+    """The matrix from values at Chebyshev's points to `count` even ones (Berrut and Trefethen 2004, eq. 5.4)."""
+    weights = (-1.0) ** np.arange(points)
+    weights[[0, -1]] *= 0.5
+    apart = np.linspace(0.0, 1.0, count)[:, np.newaxis] - _chebyshev(points)
+    same = np.abs(apart) < 1e-14
+    share = weights / np.where(same, 1.0, apart)
+    share = np.where(same.any(axis=1, keepdims=True), same, share)
+    return np.asarray(share / share.sum(axis=1, keepdims=True))
+
+
+def _averages(table: Array) -> Array:
+    """Cosine-weighted means of what the table says, by the alphas along both principal axes."""
+    t, w = np.polynomial.legendre.leggauss(48)
+    root, root_weight = 0.5 * (t + 1.0), 0.5 * w
+    t, w = np.polynomial.legendre.leggauss(16)
+    azimuth, azimuth_weight = 0.25 * np.pi * (t + 1.0), 0.5 * w
+    weight = np.outer(4.0 * root**3 * root_weight, azimuth_weight)
+    v = _direction(root[:, np.newaxis] ** 2, azimuth)
+    alpha = np.maximum(WIDEST * np.linspace(0.0, 1.0, COLUMNS) ** 2, 1e-6)
+    # Equal alphas would be looked up as an isotropic lobe's.
+    pairs = np.stack(np.broadcast_arrays(alpha[:, np.newaxis], (1.0 - 1e-9) * alpha), axis=-1)
+    values, _ = _look_up(v, pairs[:, :, np.newaxis, np.newaxis], table)
+    return np.asarray(np.einsum("ijkl,kl", values, weight))
+
+
+def _direction(cosine: Array, azimuth: Array) -> Array:
+    sine = np.sqrt(1.0 - cosine**2)
+    parts = np.broadcast_arrays(sine * np.cos(azimuth), sine * np.sin(azimuth), cosine)
+    return np.stack(parts, axis=-1)
+
+
+def _find(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
+    v, alpha, table = inputs[0], inputs[1], inputs[2]
+    one, average = outputs[0], outputs[1]
+    for i in range(start, stop):
+        ax, ay = alpha[i, 0], alpha[i, 1]
+        one[i] = formulas.albedo_lookup(v[i, 0], v[i, 1], v[i, 2], ax, ay, 0.0, table)
+        average[i] = formulas.average_lookup(ax, ay, 0.0, table)
+    return 0
+
+
+#: E and E_avg for directions (3) and alphas (2).
+FIND = Kernel(_find, 3, 2)
+
+
+def _look_up(v: Array, alpha: Array, table: Array) -> tuple[Array, Array]:
+    (one, average), _ = run(FIND, [v, alpha], [], [1, 1], [table])
+    return one[..., 0], average[..., 0]
+
+
+def _look_up_named(
+    v: Array, alpha: ArrayLike, alpha_y: ArrayLike | None, distribution: str, masking: str, correlation: str
+) -> tuple[Array, Array]:
     code = choice("distribution", distribution, DISTRIBUTIONS)
     mask = surface.VCAVITY if code == surface.PHONG else choice("masking", masking, MASKINGS)
-    table = white_albedo_table(code, mask, choice("correlation", correlation, CORRELATIONS))
-    width = scalar("alpha", alpha, 0.0, open_low=True)[..., 0]
-    if cosine is None:
-        return np.asarray(np.interp(np.sqrt(width), np.linspace(0.0, 1.0, COLUMNS), table[-1]))
-    x, y = np.broadcast_arrays(scalar("cos_theta", cosine, 0.0, 1.0)[..., 0], width)
-    x, y = np.sqrt(x) * (ROWS - 1), np.minimum(np.sqrt(y), 1.0) * (COLUMNS - 1)
-    i, j = np.minimum(x.astype(int), ROWS - 2), np.minimum(y.astype(int), COLUMNS - 2)
-    x, y = x - i, y - j
-    low = table[i, j] * (1.0 - y) + table[i, j + 1] * y
-    high = table[i + 1, j] * (1.0 - y) + table[i + 1, j + 1] * y
-    return np.asarray(low * (1.0 - x) + high * x)
+    x = scalar("alpha", alpha, 0.0, open_low=True)[..., 0]
+    y = x if alpha_y is None else scalar("alpha_y", alpha_y, 0.0, open_low=True)[..., 0]
+    make = white_albedo_table if np.array_equal(x, y) else any_lobe_table
+    table = make(code, mask, choice("correlation", correlation, CORRELATIONS))
+    both = np.stack(np.broadcast_arrays(x, y), axis=-1)
+    return _look_up(v, np.minimum(both, 1.0), table)
 
 
 def white_albedo(
@@ -90,17 +182,26 @@ def white_albedo(
     distribution: str = "ggx",
     masking: str = "smith",
     correlation: str = "height",
+    alpha_y: ArrayLike | None = None,
+    azimuth: ArrayLike = 0.0,
 ) -> Array:
-    """Directional albedo of an isotropic lobe with F = 1, from a table: within `TABLE_ERROR`. Arguments
-    broadcast.
+    """Directional albedo of a lobe with F = 1, from a table: within `TABLE_ERROR`. Arguments broadcast.
 
-    The same for the forward and the retro lobe. Alpha above 1 is taken as 1. `ValueError` outside the ranges.
-    """
-    return _look_up(alpha, cos_theta, distribution, masking, correlation)
+    `alpha` is along x and `alpha_y`, where it is another, along y; `azimuth` is the direction's from x, in
+    radians. The same for the forward and the retro lobe. Alpha above 1 is taken as 1. `ValueError` outside the
+    ranges."""
+    cosine = scalar("cos_theta", cos_theta, 0.0, 1.0)[..., 0]
+    v = _direction(cosine, scalar("azimuth", azimuth, -np.inf)[..., 0])
+    return _look_up_named(v, alpha, alpha_y, distribution, masking, correlation)[0]
 
 
 def average_albedo(
-    alpha: ArrayLike, distribution: str = "ggx", masking: str = "smith", correlation: str = "height"
+    alpha: ArrayLike,
+    distribution: str = "ggx",
+    masking: str = "smith",
+    correlation: str = "height",
+    alpha_y: ArrayLike | None = None,
 ) -> Array:
     """The cosine-weighted mean of `white_albedo` over the hemisphere."""
-    return _look_up(alpha, None, distribution, masking, correlation)
+    up = np.array([0.0, 0.0, 1.0])
+    return _look_up_named(up, alpha, alpha_y, distribution, masking, correlation)[1]

@@ -5,12 +5,22 @@ import math
 import numpy as np
 
 from .compiled import Array, formula
+from .microsurface import stretched_sine_squared
 
 NONE = 0
 MATERIALX_1_39_5 = 1
 MATERIALX_1_39_6 = 2
 TURQUIN = 3
 KULLA_CONTY = 4
+
+# A table of E: ROWS directions by COLUMNS alphas, isotropic, and a row of averages. One of any lobe goes on with
+# ACROSS times FREE times as many rows, and COLUMNS rows of averages.
+ROWS = 48
+COLUMNS = 24
+ACROSS = 16
+FREE = 6
+#: The largest alpha along any axis, where both are at most 1: slopes that are correlated add theirs up.
+WIDEST = math.sqrt(2.0)
 
 
 @formula
@@ -51,18 +61,15 @@ AVERAGE_NODES = tuple(
 
 
 @formula
-def table_lookup(cosine: float, alpha: float, table: Array) -> float:
-    """Bilinear look-up of E in sqrt(n.v) (rows) and sqrt(alpha) (columns), both over [0, 1].
+def _cell(value: float, count: int) -> tuple[int, float]:
+    """Where a coordinate in [0, 1] lies between `count` even nodes: the node below, and how far beyond it."""
+    x = min(max(value, 0.0), 1.0) * (count - 1)
+    i = min(int(x), count - 2)
+    return i, x - i
 
-    The table has one row more: the average over the hemisphere.
-    """
-    rows, columns = table.shape[0] - 1, table.shape[1]
-    x = math.sqrt(min(max(cosine, 0.0), 1.0)) * (rows - 1)
-    y = math.sqrt(min(max(alpha, 0.0), 1.0)) * (columns - 1)
-    i = min(int(x), rows - 2)
-    j = min(int(y), columns - 2)
-    x -= i
-    y -= j
+
+@formula
+def _bilinear(table: Array, i: int, x: float, j: int, y: float) -> float:
     low = table[i, j] + (table[i, j + 1] - table[i, j]) * y
     high = table[i + 1, j] + (table[i + 1, j + 1] - table[i + 1, j]) * y
     value: float = low + (high - low) * x
@@ -70,13 +77,64 @@ def table_lookup(cosine: float, alpha: float, table: Array) -> float:
 
 
 @formula
-def average_lookup(alpha: float, table: Array) -> float:
-    """E_avg at alpha: the last row of the table."""
-    rows, columns = table.shape[0] - 1, table.shape[1]
-    y = math.sqrt(min(max(alpha, 0.0), 1.0)) * (columns - 1)
-    j = min(int(y), columns - 2)
-    average: float = table[rows, j] + (table[rows, j + 1] - table[rows, j]) * (y - j)
-    return average
+def table_lookup(cosine: float, alpha: float, table: Array) -> float:
+    """E of an isotropic lobe: bilinear in sqrt(n.v) (rows) and sqrt(alpha) (columns), both over [0, 1]."""
+    i, x = _cell(math.sqrt(max(cosine, 0.0)), ROWS)
+    j, y = _cell(math.sqrt(max(alpha, 0.0)), COLUMNS)
+    return _bilinear(table, i, x, j, y)
+
+
+@formula
+def _anisotropic_lookup(
+    x: float, y: float, z: float, ax: float, ay: float, correlation: float, table: Array
+) -> float:
+    """E at a direction: linear in its cosine in the standard configuration, in the roughness along it and
+    across it, and in how little the slopes along and across are correlated."""
+    sine_squared = x * x + y * y
+    stretched = stretched_sine_squared(x, y, ax, ay, correlation)
+    along, across = ax, ay
+    if sine_squared > 0.0:
+        along = math.sqrt(stretched / sine_squared)
+        across = math.sqrt(stretched_sine_squared(-y, x, ax, ay, correlation) / sine_squared)
+    free = ax * ay * math.sqrt(1.0 - correlation * correlation) / max(along * across, 1e-300)
+    up = max(z, 0.0)
+    i, a = _cell(up / math.sqrt(max(up * up + stretched, 1e-300)), ROWS)
+    j, b = _cell(math.sqrt(along / WIDEST), COLUMNS)
+    k, c = _cell(across / WIDEST, ACROSS)
+    m, d = _cell(free, FREE)
+    row = ROWS + 1 + (k * FREE + m) * ROWS + i
+    near = _bilinear(table, row, a, j, b) * (1.0 - d) + _bilinear(table, row + ROWS, a, j, b) * d
+    row += FREE * ROWS
+    far = _bilinear(table, row, a, j, b) * (1.0 - d) + _bilinear(table, row + ROWS, a, j, b) * d
+    return near + (far - near) * c
+
+
+@formula
+def albedo_lookup(
+    x: float, y: float, z: float, ax: float, ay: float, correlation: float, table: Array
+) -> float:
+    """E at a direction, of an isotropic lobe or, by a table that has more than those, of any."""
+    if ax == ay and correlation == 0.0:
+        return table_lookup(z, ax, table)
+    return _anisotropic_lookup(x, y, z, ax, ay, correlation, table)
+
+
+@formula
+def average_lookup(ax: float, ay: float, correlation: float, table: Array) -> float:
+    """E_avg: of an isotropic lobe the row below its E; of another, from the table's last rows by the alphas
+    along the principal axes of its slopes.
+    """
+    if ax == ay and correlation == 0.0:
+        j, y = _cell(math.sqrt(ax), COLUMNS)
+        average: float = table[ROWS, j] + (table[ROWS, j + 1] - table[ROWS, j]) * y
+        return average
+    half = 0.5 * (ax * ax - ay * ay)
+    apart = math.sqrt(half * half + (correlation * ax * ay) ** 2)
+    major = math.sqrt(0.5 * (ax * ax + ay * ay) + apart)
+    minor = ax * ay * math.sqrt(1.0 - correlation * correlation) / major
+    i, x = _cell(math.sqrt(major / WIDEST), COLUMNS)
+    j, y = _cell(math.sqrt(minor / WIDEST), COLUMNS)
+    return _bilinear(table, table.shape[0] - COLUMNS + i, x, j, y)
 
 
 @formula

@@ -26,6 +26,7 @@ from .block import (
     FG,
     FORWARD,
     FR,
+    GX,
     GZ,
     HH,
     HZ,
@@ -119,10 +120,10 @@ def _finish_reflection(s: Array, modes: Any, table: Array) -> None:
         passes.compensate(s, OR)
     elif scheme == energy.KULLA_CONTY:
         passes.multiple_reflectance(s, modes, table)
+        passes.look_up(s, GX, LH, table)
         for i in range(BLOCK):
             lit = min(s[EZ + i], s[GZ + i]) > 0.0
-            other = energy.table_lookup(s[GZ + i], math.sqrt(s[AX + i] * s[AY + i]), table)
-            lost = (1.0 - s[ALBEDO + i]) * (1.0 - other) / math.pi if lit else 0.0
+            lost = (1.0 - s[ALBEDO + i]) * (1.0 - s[LH + i]) / math.pi if lit else 0.0
             s[OR + i] += lost * s[TR + i]
             s[OG + i] += lost * s[TG + i]
             s[OB + i] += lost * s[TB + i]
@@ -438,7 +439,8 @@ def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, output
             if modes[COMPENSATION] == energy.KULLA_CONTY:
                 passes.multiple_reflectance(s, modes, table)
                 for i in range(BLOCK):
-                    average = energy.average_lookup(math.sqrt(s[AX + i] * s[AY + i]), table)
+                    ax, ay = min(s[AX + i], 1.0), min(s[AY + i], 1.0)
+                    average = energy.average_lookup(ax, ay, s[RXY + i], table)
                     lost = (1.0 - s[ALBEDO + i]) * (1.0 - average)
                     lost = lost if s[EZ + i] > 0.0 else 0.0
                     s[OR + i] += lost * s[TR + i]

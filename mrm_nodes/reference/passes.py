@@ -424,15 +424,28 @@ def transmittance(s: Array, modes: Any) -> None:
 
 @formula
 def white_albedo(s: Array, modes: Any, table: Array) -> None:
-    """E at (n.v, mean alpha): MaterialX's fit, or the exact table."""
+    """E at v: MaterialX's fit, by the mean alpha, or the exact table."""
     scheme = modes[COMPENSATION]
     if scheme == energy.MATERIALX_1_39_5 or scheme == energy.MATERIALX_1_39_6:
         for i in range(BLOCK):
             a, b = rational_albedo(min(max(s[EZ + i], 1e-8), 1.0), math.sqrt(s[AX + i] * s[AY + i]), table)
             s[ALBEDO + i] = a + b
     elif scheme != energy.NONE:
+        look_up(s, EX, ALBEDO, table)
+
+
+@inlined
+def look_up(s: Array, direction: int, row: int, table: Array) -> None:
+    """E at the direction in three rows, by the exact table, into one; alpha above 1 is taken as 1."""
+    if table.shape[0] == energy.ROWS + 1:
         for i in range(BLOCK):
-            s[ALBEDO + i] = energy.table_lookup(s[EZ + i], math.sqrt(s[AX + i] * s[AY + i]), table)
+            cosine = s[direction + 2 * BLOCK + i]
+            s[row + i] = energy.table_lookup(cosine, math.sqrt(s[AX + i] * s[AY + i]), table)
+    else:
+        for i in range(BLOCK):
+            x, y, z = s[direction + i], s[direction + BLOCK + i], s[direction + 2 * BLOCK + i]
+            ax, ay = min(s[AX + i], 1.0), min(s[AY + i], 1.0)
+            s[row + i] = energy.albedo_lookup(x, y, z, ax, ay, s[RXY + i], table)
 
 
 @formula
@@ -481,7 +494,7 @@ def multiple_reflectance(s: Array, modes: Any, table: Array) -> None:
             s[TG + i] += weight * s[FG + i]
             s[TB + i] += weight * s[FB + i]
     for i in range(BLOCK):
-        average = energy.average_lookup(math.sqrt(s[AX + i] * s[AY + i]), table)
+        average = energy.average_lookup(min(s[AX + i], 1.0), min(s[AY + i], 1.0), s[RXY + i], table)
         s[TR + i] = energy.multiple_scattering(s[TR + i], average)
         s[TG + i] = energy.multiple_scattering(s[TG + i], average)
         s[TB + i] = energy.multiple_scattering(s[TB + i], average)

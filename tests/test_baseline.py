@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import baseline
+from mrm_nodes.regression import baseline, journal, run
 from mrm_nodes.regression.baseline import Missing, Store
+from mrm_nodes.regression.executors import Judged
 from mrm_nodes.regression.material_case import MaterialCase
 from mrm_nodes.regression.outcome import as_record
 from mrm_nodes.regression.suitefile import load
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends, read_image, write_exr
+from mrm_nodes.render.context import BackendReport
 
 VELVET = """<materialx version="1.39">
 <sheen_bsdf name="b" type="BSDF"><input name="roughness" type="float" value="0.4" /></sheen_bsdf>
@@ -27,6 +32,7 @@ VELVET = """<materialx version="1.39">
   <input name="surfaceshader" type="surfaceshader" nodename="s" />
 </surfacematerial>
 </materialx>"""
+DARKER = '<input name="weight" type="float" value="0.9" /></sheen_bsdf>'
 SUITE = """
 [defaults]
 size = 32
@@ -130,8 +136,7 @@ def test_provenance_says_who_when_why_and_with_what(suite: Path, command):
 
 def test_a_changed_material_fails_against_its_baseline(suite: Path, command, worker: Worker):
     command("accept", SOFT)
-    darker = VELVET.replace("</sheen_bsdf>", '<input name="weight" type="float" value="0.9" /></sheen_bsdf>')
-    (suite / "velvet.mtlx").write_text(darker)
+    (suite / "velvet.mtlx").write_text(VELVET.replace("</sheen_bsdf>", DARKER))
     before = stored(suite)
     assert run_cases(suite, worker)[SOFT] == "fail"
     assert command("status")[0] == 1
@@ -244,6 +249,149 @@ def test_a_damaged_render_is_not_accepted(suite: Path, command, worker: Worker):
     cut(suite / "report" / "cases" / worker.backend / SOFT / "render.exr")
     assert command("accept", SOFT)[0] == 2
     assert stored(suite) == {}
+
+
+# Nothing but `baseline accept` changes a baseline, whatever happens to a run.
+
+
+@dataclass
+class Studio:
+    """A suite with baselines, and `mrm-nodes` on it, which judges cases in this process."""
+
+    folder: Path
+    worker: Worker
+    during: list[Callable[[], None]] = field(default_factory=list)
+    """What happens as each case is judged, for those that have one."""
+    baselines: dict[str, tuple[bytes, int, int]] = field(default_factory=dict)
+    """As they have to stay: see `look`."""
+
+    def judge(self, tasks: list[Any], backend: str, scratch: Path, *others: object) -> Iterator[Judged]:
+        """In place of worker processes."""
+        for number, task in enumerate(tasks):
+            for happens in self.during[number : number + 1]:
+                happens()
+            (scratch / str(number)).mkdir()
+            yield Judged(task, self.worker.run(task, scratch / str(number)), scratch / str(number))
+
+    def run(self, command: str, *arguments: object) -> int:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([command, *map(str, arguments)])
+        return int(ended.value.code or 0)
+
+    def regress(self, *arguments: object, report: str = "run", cached: bool = False) -> int:
+        given = ["--suite", self.folder / "suite.toml", "-o", self.folder / report, *arguments]
+        return self.run("regress", *given, *([] if cached else ["--no-cache"]))
+
+    def look(self) -> dict[str, tuple[bytes, int, int]]:
+        """The contents of the baselines, their log included, and whether a file was written anew."""
+        found = sorted((self.folder / "baselines").iterdir())
+        return {each.name: (each.read_bytes(), each.stat().st_mtime_ns, each.stat().st_ino) for each in found}
+
+
+def stop() -> None:
+    raise KeyboardInterrupt
+
+
+def fill_disk() -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def edit(file: Path) -> None:
+    file.write_text(file.read_text().replace("</sheen_bsdf>", DARKER))
+
+
+def in_two_halves(studio: Studio, harm: Callable[[], None]) -> list[int]:
+    """The statuses of a run that is stopped, and of one that goes on after some harm."""
+    studio.during = [lambda: None, stop]
+    first = studio.regress()
+    harm()
+    studio.during = []
+    return [first, studio.regress("--resume")]
+
+
+def damage_cache(studio: Studio) -> list[int]:
+    cache = studio.folder / "cache"
+    first = studio.regress("--cache", cache, cached=True)
+    for file in cache.glob("*/*/outcome"):
+        cut(file)
+    return [first, studio.regress("--cache", cache, report="other", cached=True)]
+
+
+def write_over(studio: Studio) -> list[int]:
+    baselines = studio.folder / "baselines"
+    return [
+        studio.regress(report="baselines"),
+        studio.regress("--json", baselines / f"{SOFT}.json"),
+        studio.regress("--junit", baselines / f"{SOFT}.exr"),
+        studio.run("merge", studio.folder, "-o", baselines),
+    ]
+
+
+def from_shards(studio: Studio) -> list[int]:
+    parts = [studio.regress("--shard", f"{part}/2", report=f"part-{part}") for part in (1, 2)]
+    names = [studio.folder / f"part-{part}" for part in (1, 2)]
+    return [*parts, studio.run("merge", *names, "-o", studio.folder / "merged")]
+
+
+def damage(studio: Studio, name: str, harm: Callable[[Path], None]) -> None:
+    harm(studio.folder / "baselines" / name)
+    studio.baselines = studio.look()
+
+
+def with_harm_before(studio: Studio, harm: Callable[..., object], *arguments: Any) -> list[int]:
+    harm(*arguments)
+    return [studio.regress()]
+
+
+def with_harm_during(studio: Studio, harm: Callable[..., object], *arguments: Any) -> list[int]:
+    studio.during = [lambda: None, lambda: harm(*arguments) and None]
+    return [studio.regress()]
+
+
+MISHAPS: dict[str, tuple[Callable[[Studio], list[int]], list[int]]] = {
+    "none": (lambda s: [s.regress()], [0]),
+    "the material was edited": (lambda s: with_harm_before(s, edit, s.folder / "velvet.mtlx"), [1]),
+    "the material is broken": (lambda s: with_harm_before(s, cut, s.folder / "velvet.mtlx"), [1]),
+    "the material is edited during the run": (
+        lambda s: with_harm_during(s, edit, s.folder / "velvet.mtlx"), [1]),
+    "the suite is edited during the run": (
+        lambda s: with_harm_during(s, (s.folder / "suite.toml").write_text, "x = "), [0]),
+    "a baseline is damaged": (lambda s: with_harm_before(s, damage, s, f"{SOFT}.exr", flip), [1]),
+    "its provenance is damaged": (lambda s: with_harm_before(s, damage, s, f"{SOFT}.json", cut), [1]),
+    "a baseline is damaged during the run": (
+        lambda s: with_harm_during(s, damage, s, f"{ROUGH}.exr", flip), [1]),
+    "Ctrl-C": (lambda s: in_two_halves(s, lambda: None), [130, 0]),
+    "Ctrl-C, and the journal is cut": (
+        lambda s: in_two_halves(s, lambda: cut(s.folder / "run" / journal.NAME)), [130, 0]),
+    "Ctrl-C, and the report is damaged": (
+        lambda s: in_two_halves(s, lambda: cut(s.folder / "run" / "report.json")), [130, 0]),
+    "the cache is damaged": (damage_cache, [0, 0]),
+    "the disk is full": (lambda s: with_harm_during(s, fill_disk), [2]),
+    "the output cannot be written": (lambda s: [s.regress(report="suite.toml/report")], [2]),
+    "a second run into the folder": (
+        lambda s: with_harm_during(s, lambda: Studio(s.folder, s.worker).regress()), [0]),
+    "a report is to go where baselines lie": (write_over, [2] * 4),
+    "shards": (from_shards, [0, 0, 0]),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("happens", "statuses"), MISHAPS.values(), ids=MISHAPS)
+def test_no_baseline_is_changed_by_anything_that_happens_to_a_run(
+    happens: Callable[[Studio], list[int]],
+    statuses: list[int],
+    suite: Path,
+    command,
+    worker: Worker,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    command("accept", "*")
+    studio = Studio(suite, worker)
+    monkeypatch.setattr(run, "run_locally", studio.judge)
+    monkeypatch.setattr(run, "probe_backends", lambda *_: [BackendReport(worker.backend, True)])
+    studio.baselines = studio.look()
+    assert len(studio.baselines) == 2 * 2 + 1
+    assert happens(studio) == statuses
+    assert studio.look() == studio.baselines
 
 
 def image(folder: Path, value: float) -> Path:

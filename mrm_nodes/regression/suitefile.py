@@ -22,6 +22,7 @@ import pydantic
 
 from mrm_nodes import external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.library import shared_library
 from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
 from mrm_nodes.regression.material import Value
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
@@ -490,8 +491,16 @@ class _Maker:
         found = external.check_images(document, file, self._allow_external)
         return tuple(os.path.relpath(each, self._folder) for each in found)
 
-    def _read(self, material: str) -> mx.Document:
+    @functools.cache  # noqa: B019
+    def _as_read(self, material: str) -> mx.Document:
         return shadergen.read_document(self._folder / material, allow_external=self._allow_external)
+
+    def _read(self, material: str) -> mx.Document:
+        """A document to be changed at will: reading it each time would be most of the time that a suite takes."""
+        document = mx.createDocument()
+        document.copyContentFrom(self._as_read(material))
+        document.setDataLibrary(shared_library())
+        return document
 
     @functools.cache  # noqa: B019
     def _unknown_alike(

@@ -19,6 +19,15 @@ from .distributions import GGX, Beckmann, BeckmannRational
 from .energy import average_albedo
 
 GREEN, BLUE, ORANGE, RED, GREY = "#2a8a3a", "#2b5fb3", "#d9822b", "#c0392b", "#777777"
+COLOURS = (BLUE, GREEN, ORANGE, RED, GREY)
+PAIRS = (
+    ("ggx", "smith"),
+    ("beckmann", "smith"),
+    ("ggx", "vcavity"),
+    ("beckmann", "vcavity"),
+    ("phong", "vcavity"),
+)
+MASKINGS = ("smith", "vcavity", "implicit", "schlick-smith", "kelemen")
 
 
 @dataclass(frozen=True)
@@ -29,18 +38,19 @@ class Curve:
     x: Array
     y: Array
     colour: str = GREY
-    dashed: bool = False
+    style: str = "-"
 
 
 @dataclass(frozen=True)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes; `polar` takes x as degrees from the normal."""
 
     title: str
     curves: Sequence[Curve]
     x_label: str
     y_label: str
     logarithmic: bool = False
+    polar: bool = False
 
 
 def direction(theta: Array | float, phi: float = 0.0) -> Array:
@@ -63,16 +73,16 @@ def figure_2() -> list[Panel]:
             light = direction(math.radians(theta_i))
             view = direction(np.radians(degrees), math.radians(phi))
             curves = []
-            for roughness, dashed in ((0.1, True), (0.666, False)):
+            for roughness, style in ((0.1, "--"), (0.666, "-")):
                 lobes = {
                     "MRM": GeneralizedSchlick(1.0, alpha=roughness**2, retroreflectivity=1.0),
                     "GGX": GeneralizedSchlick(1.0, alpha=roughness**2),
                 }
                 for (name, lobe), colour in zip(lobes.items(), (GREEN, BLUE), strict=True):
                     y = lobe.eval(view, light)[:, 0]
-                    curves.append(Curve(f"{name}, roughness {roughness}", degrees, y, colour, dashed))
+                    curves.append(Curve(f"{name}, roughness {roughness}", degrees, y, colour, style))
                 y = eon(1.0, roughness, view, light)[:, 0]
-                curves.append(Curve(f"EON, roughness {roughness}", degrees, y, ORANGE, dashed))
+                curves.append(Curve(f"EON, roughness {roughness}", degrees, y, ORANGE, style))
             curves.append(Curve("Lambert", degrees, lambert(1.0, view, light)[:, 0], RED))
             title = f"θi = {theta_i:g}°, φ = {phi:g}°"
             panels.append(Panel(title, curves, "θo (degrees)", "f (1/sr)", logarithmic=True))
@@ -81,7 +91,7 @@ def figure_2() -> list[Panel]:
 
 def lobes() -> list[Panel]:
     """Forward, retro and half-half lobes in the plane of incidence, for three view angles."""
-    degrees = np.linspace(-89.9, 89.9, 1200)
+    degrees = np.linspace(-90.0, 90.0, 1201)[1:-1]
     light = direction(np.radians(degrees))
     panels = []
     for theta in (10.0, 45.0, 75.0):
@@ -91,40 +101,37 @@ def lobes() -> list[Panel]:
             lobe = GeneralizedSchlick(1.0, alpha=0.2, retroreflectivity=share)
             y = lobe.eval(view, light)[:, 0] * light[:, 2]
             curves.append(Curve(f"retroreflectivity {share:g}", degrees, y, colour))
-        panels.append(Panel(f"θv = {theta:g}°, alpha 0.2", curves, "θl (degrees)", "f cos θl (1/sr)"))
+        title = f"f cos θl (1/sr), view at {theta:g}°, alpha 0.2"
+        panels.append(Panel(title, curves, "θl (degrees)", "f cos θl (1/sr)", polar=True))
     return panels
 
 
 def albedo() -> list[Panel]:
-    """White albedo over the view angle, bare and compensated, and its average over alpha."""
+    """White albedo over the view angle, bare and compensated."""
     degrees = np.linspace(0.0, 89.0, 90)
     view = direction(np.radians(degrees))
     panels = []
     for alpha in (0.2, 0.6, 1.0):
         curves = []
-        for (distribution, masking), colour in zip(
-            (("ggx", "smith"), ("beckmann", "smith"), ("ggx", "vcavity")), (BLUE, GREEN, ORANGE), strict=True
-        ):
-            for scheme in (None, "turquin", "materialx-1.39.5"):
+        for scheme, style in ((None, "-"), ("turquin", ":"), ("materialx-1.39.5", "--")):
+            for (distribution, masking), colour in zip(PAIRS[:3], COLOURS, strict=False):
                 lobe = GeneralizedSchlick(
                     1.0, alpha=alpha, distribution=distribution, masking=masking, energy_compensation=scheme
                 )
                 label = f"{distribution}, {masking}" + (f", {scheme}" if scheme else "")
-                curves.append(Curve(label, degrees, lobe.albedo(view)[:, 0], colour, scheme is not None))
+                curves.append(Curve(label, degrees, lobe.albedo(view)[:, 0], colour, style))
         panels.append(Panel(f"white albedo, alpha {alpha:g}", curves, "θv (degrees)", "albedo"))
+    return panels
+
+
+def mean_albedo() -> list[Panel]:
+    """The cosine-weighted mean of the white albedo over alpha."""
     widths = np.linspace(0.01, 1.0, 100)
-    pairs = (
-        ("ggx", "smith"),
-        ("beckmann", "smith"),
-        ("ggx", "vcavity"),
-        ("beckmann", "vcavity"),
-        ("phong", "vcavity"),
-    )
     curves = [
         Curve(f"{d}, {m}", widths, average_albedo(widths, d, m), colour)
-        for (d, m), colour in zip(pairs, (BLUE, GREEN, ORANGE, RED, GREY), strict=True)
+        for (d, m), colour in zip(PAIRS, COLOURS, strict=True)
     ]
-    return [*panels, Panel("average white albedo", curves, "alpha", "albedo")]
+    return [Panel("average white albedo", curves, "alpha", "albedo")]
 
 
 def _furnace(masking: str, alpha: float, theta: Array) -> Array:
@@ -145,12 +152,18 @@ def _furnace(masking: str, alpha: float, theta: Array) -> Array:
 def furnace() -> list[Panel]:
     """The weak white furnace over the view angle for the five masking functions of Heitz's Table 3."""
     degrees = np.linspace(0.0, 85.0, 18)
-    names = ("smith", "vcavity", "implicit", "schlick-smith", "kelemen")
     panels = []
     for alpha in (0.3, 1.0):
+        # Smith and V-cavity are both 1: dashes show the one below the other.
         curves = [
-            Curve(name, degrees, _furnace(name, alpha, np.radians(degrees)), colour)
-            for name, colour in zip(names, (BLUE, GREEN, ORANGE, RED, GREY), strict=True)
+            Curve(
+                name,
+                degrees,
+                _furnace(name, alpha, np.radians(degrees)),
+                colour,
+                "--" if name == "vcavity" else "-",
+            )
+            for name, colour in zip(MASKINGS, COLOURS, strict=True)
         ]
         panels.append(Panel(f"weak white furnace, alpha {alpha:g}", curves, "θv (degrees)", "integral"))
     return panels
@@ -169,9 +182,9 @@ def heitz_figure_12() -> list[Panel]:
     g = a * math.sqrt(math.pi) * (1.0 + erf)
     curves = [
         Curve("Smith", degrees, Beckmann(1.0).G1(v, up), BLUE),
-        Curve("Smith, rational fit", degrees, BeckmannRational(1.0).G1(v, up), BLUE, True),
+        Curve("Smith, rational fit", degrees, BeckmannRational(1.0).G1(v, up), BLUE, "--"),
         Curve("Schlick-Smith", degrees, g / (1.0 + g), RED),
-        Curve("Schlick-Smith, rational fit", degrees, Beckmann(1.0).G1(v, up, "schlick-smith"), RED, True),
+        Curve("Schlick-Smith, rational fit", degrees, Beckmann(1.0).G1(v, up, "schlick-smith"), RED, "--"),
     ]
     return [Panel("masking, alpha 1", curves, "θo (degrees)", "G1")]
 
@@ -180,6 +193,7 @@ FIGURES: dict[str, Callable[[], list[Panel]]] = {
     "mrm_figure_2": figure_2,
     "lobes": lobes,
     "albedo": albedo,
+    "average_albedo": mean_albedo,
     "furnace": furnace,
     "heitz_figure_12": heitz_figure_12,
 }
@@ -191,7 +205,7 @@ def heitz_table_3() -> list[tuple[str, float, bool]]:
     """
     theta = np.radians([10.0, 30.0, 50.0, 70.0])
     rows = []
-    for name in ("smith", "vcavity", "implicit", "schlick-smith", "kelemen"):
+    for name in MASKINGS:
         worst = max(float(np.abs(_furnace(name, alpha, theta) - 1.0).max()) for alpha in (0.3, 1.0))
         rows.append((name, worst, worst < 0.01))
     return rows
@@ -208,24 +222,53 @@ def _write_numbers(path: Path, panels: list[Panel]) -> None:
 
 
 def _draw(plt: Any, panels: list[Panel], directory: Path, name: str) -> list[Path]:
-    columns = min(len(panels), 2)
+    columns = 2 if len(panels) == 4 else len(panels)
     rows = -(-len(panels) // columns)
-    figure, axes = plt.subplots(rows, columns, figsize=(6.4 * columns, 4.2 * rows), squeeze=False)
-    for axis in axes.flat[len(panels) :]:
-        axis.set_visible(False)
-    for axis, panel in zip(axes.flat, panels, strict=False):
+    polar, logarithmic = panels[0].polar, panels[0].logarithmic
+    size = (4.4 if polar else 5.6) * columns, 4.0 * rows + (0.2 if polar else 0.8)
+    figure, axes = plt.subplots(
+        rows, columns, figsize=size, squeeze=False, layout="constrained", sharey=logarithmic,
+        subplot_kw={"projection": "polar" if polar else None},
+    )  # fmt: skip
+    for axis, panel in zip(axes.flat, panels, strict=True):
         for curve in panel.curves:
+            x = np.radians(curve.x) if panel.polar else curve.x
             y = np.where(curve.y > 0.0, curve.y, np.nan) if panel.logarithmic else curve.y
-            axis.plot(
-                curve.x, y, label=curve.label, color=curve.colour, ls="--" if curve.dashed else "-", lw=1.2
-            )
-        axis.set(title=panel.title, xlabel=panel.x_label, ylabel=panel.y_label)
+            axis.plot(x, y, label=curve.label, color=curve.colour, ls=curve.style, lw=1.4)
+        axis.set_title(panel.title, fontsize=11, y=0.85 if polar else None)
+        if panel.polar:
+            axis.set(theta_zero_location="N", theta_direction=-1, thetamin=-90.0, thetamax=90.0)
+            axis.set_yticks(axis.get_yticks()[:-1:2])
+        else:
+            axis.set(xlabel=panel.x_label, ylabel=panel.y_label)
+            if panel.curves[0].x[0] < 0.0:
+                axis.set_xticks(range(-90, 91, 30))
         if panel.logarithmic:
             axis.set_yscale("log")
-            axis.set_ylim(bottom=1e-4)
         axis.grid(alpha=0.25)
-    axes.flat[0].legend(fontsize=7)
-    figure.tight_layout()
+    if logarithmic:
+        axes[0, 0].set_ylim(bottom=1e-4)
+    # The curves of all panels are the same.
+    handles, labels = axes.flat[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=min(len(labels), 2 * columns), fontsize=9
+    )
+    return _save(plt, figure, directory, name)
+
+
+def _draw_table(plt: Any, rows: Sequence[tuple[str, str, str]], directory: Path, name: str) -> list[Path]:
+    figure, axis = plt.subplots(figsize=(6.4, 0.34 * len(rows) + 0.2), layout="constrained")
+    axis.set_axis_off()
+    table = axis.table(
+        cellText=rows[1:], colLabels=rows[0], colWidths=(0.25, 0.5, 0.25), cellLoc="left", loc="center"
+    )
+    table.auto_set_font_size(False)
+    table.set_fontsize(10)
+    table.scale(1.0, 1.5)
+    return _save(plt, figure, directory, name)
+
+
+def _save(plt: Any, figure: Any, directory: Path, name: str) -> list[Path]:
     written = [directory / f"{name}.png", directory / f"{name}.svg"]
     for path in written:
         figure.savefig(path, dpi=150)
@@ -234,7 +277,7 @@ def _draw(plt: Any, panels: list[Panel], directory: Path, name: str) -> list[Pat
 
 
 def write_figures(directory: str | Path) -> list[Path]:
-    """Draw every figure into `directory` as PNG, SVG and CSV, and Table 3 as CSV; returns the paths.
+    """Draw every figure and Table 3 into `directory` as PNG, SVG and CSV; returns the paths.
 
     `ImportError` that says what to install where Matplotlib is missing.
     """
@@ -253,9 +296,10 @@ def write_figures(directory: str | Path) -> list[Path]:
         written += _draw(plt, panels, target, name)
         _write_numbers(target / f"{name}.csv", panels)
         written.append(target / f"{name}.csv")
+    rows = [("masking", "furnace off 1 by at most", "physical")]
+    rows += [(name, f"{worst:.2g}", "yes" if physical else "no") for name, worst, physical in heitz_table_3()]
+    written += _draw_table(plt, rows, target, "heitz_table_3")
     table = target / "heitz_table_3.csv"
     with table.open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["masking", "largest deviation of the furnace from 1", "physical"])
-        writer.writerows((name, f"{worst:.6g}", physical) for name, worst, physical in heitz_table_3())
+        csv.writer(stream).writerows(rows)
     return [*written, table]

@@ -99,7 +99,7 @@ def _parameters() -> list[tuple[str, dict[str, Any]]]:
             metal = {"ior": [0.2, 0.924, 1.102], "extinction": [3.91, 2.45, 2.14], "alpha": alpha}
             cases.append(("Conductor", metal | common))
             tape = {"color0": [0.19, 0.17, 0.03], "color82": [0.0, 0.0, 0.0], "alpha": alpha}
-            cases.append(("GeneralizedSchlick", tape | common))
+            cases.append(("GeneralizedSchlick", tape | {"scatter_mode": "RT"} | common))
             cases.append(("Dielectric", {"ior": 1.5, "alpha": alpha, "scatter_mode": "RT"} | common))
         turned = {"retro_transmission": True, "scatter_mode": "RT", "alpha": [0.4, 0.4]}
         cases.append(("Dielectric", {"ior": 1.5} | turned | common))
@@ -110,6 +110,15 @@ def _parameters() -> list[tuple[str, dict[str, Any]]]:
                 {"ior": 1.5, "alpha": [0.5, 0.2], "retroreflectivity": 0.5, "correlation": correlation},
             )
         )
+    for distribution in ("ggx", "beckmann"):
+        skewed = {
+            "alpha": [0.5, 0.3],
+            "slope_correlation": 0.5,
+            "distribution": distribution,
+            "scatter_mode": "RT",
+        }
+        cases.append(("Dielectric", {"ior": 1.5, "retroreflectivity": 0.5} | skewed))
+        cases.append(("Dielectric", {"ior": 0.7, "mean_slope": [0.2, -0.1]} | skewed))
     for scheme in ("materialx-1.39.5", "materialx-1.39.6", "turquin", "kulla-conty"):
         rough = {"ior": 0.2, "extinction": 3.9, "alpha": [0.7, 0.7], "retroreflectivity": 0.5}
         cases.append(("Conductor", rough | {"energy_compensation": scheme}))
@@ -161,47 +170,78 @@ def build(points: int = 8, seed: int = 20260412) -> dict[str, Any]:
     return {"version": VERSION, "conventions": CONVENTIONS, "cases": cases}
 
 
+#: Braces are the examples' own: only @name@ and its like are put in.
 PAGE = """# MRM test vectors
 
-`{name}` holds {cases} cases (version {version}; its schema is `{schema}`). A case names a lobe and its
+`@name@` holds @cases@ cases (version @version@; its schema is `@schema@`). A case names a lobe and its
 parameters; each of its points has `v`, `l`, `eval` (RGB, 1/sr, without the cosine), `pdf`, and for the
 uniforms `u` what sampling gives. Directions are unit vectors away from the surface in a frame whose normal
 is +z and whose tangent is +x. A sampler of your own may draw other directions for the same `u`: compare its
 `pdf`, and the mean of its weights with `albedo`.
 
-## C++ (nlohmann/json)
+The examples check a conductor of your own against `eval`, to 5e-6 over its smaller alpha, as a float32 renderer can
+do it; `my_conductor` (`my_mrm_eval` in GLSL) is what you put in.
+
+## C++
+
+With [nlohmann/json](https://github.com/nlohmann/json) on the include path.
+
 ```cpp
-auto file = nlohmann::json::parse(std::ifstream("{name}"));
-for (auto& c : file["cases"]) {{
-    if (c["lobe"] != "Conductor") continue;
-    MyConductor bsdf(c["parameters"]);
-    for (auto& p : c["points"]) {{
-        Vec3 f = bsdf.eval(vec3(p["v"]), vec3(p["l"])), expected = vec3(p["eval"]);
-        float tolerance = 5e-6f / min_alpha(c["parameters"]) * max(max_of(expected), 1e-4f);
-        if (max_of(abs(f - expected)) > tolerance) std::cerr << c["name"] << "\\n";
-    }}
-}}
+#include <nlohmann/json.hpp>
+#include <fstream>
+#include <iostream>
+int main() {
+    auto file = nlohmann::json::parse(std::ifstream("@name@"));
+    for (auto& c : file["cases"]) {
+        auto p = c["parameters"];
+        if (c["lobe"] != "Conductor" || p.value("distribution", "") != "ggx" || p["masking"] != "smith") continue;
+        std::array<double, 2> alpha = p["alpha"];
+        double tolerance = 5e-6 / std::min(alpha[0], alpha[1]);
+        for (auto& q : c["points"]) {
+            std::array<double, 3> f = my_conductor(
+                p["ior"], p["extinction"], alpha, p["retroreflectivity"], q["v"], q["l"]), expected = q["eval"];
+            for (int k = 0; k < 3; ++k)
+                if (!(std::abs(f[k] - expected[k]) <= tolerance * std::max(expected[k], 1e-4)))
+                    std::cout << c["name"] << ": " << f[k] << " is not " << expected[k] << "\\n";
+        }
+    }
+}
 ```
 
 ## GLSL
+
+One texel a point: `v`, `l` and `eval` of a case as float textures; the relative error is the image.
+
 ```glsl
-// One texel a point: v, l and the expected value are textures made from the file; the difference is the
-image. ivec2 at = ivec2(gl_FragCoord.xy); vec3 V = texelFetch(points_v, at, 0).xyz; vec3 L =
-texelFetch(points_l, at, 0).xyz; vec3 expected = texelFetch(points_eval, at, 0).rgb; vec3 f = my_mrm_eval(V,
-L, alpha, retroreflectivity); vec3 error = abs(f - expected) / max(abs(expected), vec3(1e-4)); out_color =
-vec4(error, 1.0); ```
+#version 330
+uniform sampler2D points_v, points_l, points_eval;
+uniform vec2 alpha;
+uniform float retroreflectivity;
+out vec4 error;
+void main() {
+    ivec2 at = ivec2(gl_FragCoord.xy);
+    vec3 expected = texelFetch(points_eval, at, 0).rgb;
+    vec3 f = my_mrm_eval(texelFetch(points_v, at, 0).xyz, texelFetch(points_l, at, 0).xyz, alpha, retroreflectivity);
+    error = vec4(abs(f - expected) / max(expected, vec3(1e-4)), 1.0);
+}
+```
 
 ## JavaScript
+
+In Node; in a browser `await (await fetch(...)).json()` reads the file.
+
 ```js
-const file = JSON.parse(await (await fetch('{name}')).text());
-for (const c of file.cases.filter((c) => c.lobe === 'Dielectric')) {{
-  const bsdf = new MyDielectric(c.parameters);
-  for (const p of c.points) {{
-    const f = bsdf.eval(p.v, p.l);
-    const tolerance = 5e-6 / Math.min(...c.parameters.alpha);
-    p.eval.forEach((x, k) => console.assert(Math.abs(f[k] - x) <= tolerance * Math.max(x, 1e-4), c.name));
-  }}
-}}
+const file = JSON.parse(require('fs').readFileSync('@name@'));
+for (const c of file.cases) {
+  const p = c.parameters;
+  if (c.lobe !== 'Conductor' || p.distribution !== 'ggx' || p.masking !== 'smith') continue;
+  const tolerance = 5e-6 / Math.min(...p.alpha);
+  for (const q of c.points) {
+    const f = my_conductor(p.ior, p.extinction, p.alpha, p.retroreflectivity, q.v, q.l);
+    const wrong = q.eval.some((x, k) => !(Math.abs(f[k] - x) <= tolerance * Math.max(x, 1e-4)));
+    if (wrong) console.log(`${c.name}: ${f} is not ${q.eval}`);
+  }
+}
 ```
 """
 
@@ -217,7 +257,13 @@ def write_vectors(path: str | Path, points: int = 8) -> list[Path]:
     schema_path = target.with_suffix(".schema.json")
     schema_path.write_text(json.dumps(schema(), indent=1) + "\n")
     page = target.with_suffix(".md")
-    page.write_text(
-        PAGE.format(name=target.name, cases=len(content["cases"]), version=VERSION, schema=schema_path.name)
-    )
+    text = PAGE
+    for name, value in (
+        ("name", target.name),
+        ("cases", len(content["cases"])),
+        ("version", VERSION),
+        ("schema", schema_path.name),
+    ):
+        text = text.replace(f"@{name}@", str(value))
+    page.write_text(text)
     return [target, schema_path, page]

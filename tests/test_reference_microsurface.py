@@ -167,6 +167,31 @@ def test_lambda_of_anisotropic_phong_is_the_area_of_facets_that_face_away(alpha)
             assert d.Lambda(v) == pytest.approx(area / v[2], rel=1e-6, abs=1e-6)
 
 
+def phong_facing_away(v, ax, ay, azimuths=8192):
+    """∫ <-v, m> D(m) dm over v.n: even azimuths of m, and over its cosine c the tanh-sinh rule in c^(e + 1)."""
+    phi = 2.0 * np.pi * np.arange(azimuths) / azimuths
+    along = -(v[0] * np.cos(phi) + v[1] * np.sin(phi))
+    phi, along = phi[along > 0.0], along[along > 0.0, np.newaxis]
+    power = (2.0 * (np.cos(phi) / ax) ** 2 + 2.0 * (np.sin(phi) / ay) ** 2 - 1.0)[:, np.newaxis]
+    u = 0.12 * np.arange(-30, 31)
+    s = 0.5 * np.pi * np.sinh(u)
+    weight = 0.12 * 0.25 * np.pi * np.cosh(u) / np.cosh(s) ** 2
+    top = -0.5 * np.log1p((v[2] / along) ** 2)
+    log_cosine = top - np.log1p(np.exp(-2.0 * s)) / power
+    away = along * np.sqrt(-np.expm1(2.0 * log_cosine)) - v[2] * np.exp(log_cosine)
+    total = (np.maximum(away, 0.0) @ weight * (np.exp(power * top) / power)[:, 0]).sum()
+    return total * 2.0 * np.pi / azimuths / (np.pi * ax * ay) / v[2]
+
+
+@pytest.mark.parametrize("alpha", [(1.0, 0.05), (0.05, 1.0), (0.3, 0.015), (0.02, 0.001), (1.0, 0.01)])
+def test_lambda_of_phong_holds_to_1e_6_at_20_to_1_and_beyond(alpha):
+    for theta in (5.0, 45.0, 75.0, 89.9):
+        for phi in (0.0, 1.0, 20.0, 88.0, 90.0):
+            v = direction(theta, math.radians(phi))
+            expected = phong_facing_away(v, *alpha)
+            assert ref.Phong(*alpha).Lambda(v) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
 def test_beckmanns_rational_lambda_is_close_to_the_exact_one():
     v = np.stack([direction(t) for t in np.linspace(0.0, 89.0, 90)])
     up = np.array([0.0, 0.0, 1.0])
@@ -195,6 +220,35 @@ def test_four_masking_shadowing_functions_keep_their_order_and_limits(distributi
     apart = 4.41 * math.pi / (4.41 * math.pi + 1.0)
     expected = apart * g1[0] * g1[1] + (1.0 - apart) * min(g1)
     assert d.G2(v, far, m, correlation="direction") == pytest.approx(expected, rel=1e-12)
+
+
+def test_phongs_masking_and_shadowing_is_correlated_as_the_others_is():
+    """Eqs. 98 to 101 of its own Λ; across, the average of C^Λ (1 - C)^Λ over the heights' share C (eq. 128)."""
+    d, m = ref.Phong(0.6, 0.3), np.array([0.0, 0.0, 1.0])
+    v, l = direction(70.0, 0.3), direction(55.0, 1.5)  # noqa: E741
+    g1 = d.G1(v, m), d.G1(l, m)
+    hidden = d.Lambda(v), d.Lambda(l)
+    apart = 4.41 * 1.2 / (4.41 * 1.2 + 1.0)
+    expected = {
+        "separable": g1[0] * g1[1],
+        "height": 1.0 / (1.0 + sum(hidden)),
+        "direction": apart * g1[0] * g1[1] + (1.0 - apart) * min(g1),
+        "height_direction": 1.0 / (1.0 + max(hidden) + apart * min(hidden)),
+    }
+    for correlation, value in expected.items():
+        assert d.G2(v, l, m, correlation=correlation) == pytest.approx(value, rel=1e-12)
+    x, w = np.polynomial.legendre.leggauss(64)
+    x = 0.5 * (x + 1.0)
+    # The smooth substitution keeps powers at the ends integrable.
+    share, weight = x * x * (3.0 - 2.0 * x), 0.5 * w * 6.0 * x * (1.0 - x)
+    for distribution in (d, ref.GGX(0.6, 0.3), ref.Beckmann(0.6, 0.3)):
+        one, other = distribution.Lambda(v), distribution.Lambda(l)
+        through = (share**one * (1.0 - share) ** other * weight).sum()
+        for correlation in ("height", "height_direction"):
+            assert distribution.G2(v, -l, m, correlation=correlation) == pytest.approx(through, rel=1e-6)
+        product = distribution.G1(v, m) * distribution.G1(l, m)
+        for correlation in ("separable", "direction"):
+            assert distribution.G2(v, -l, m, correlation=correlation) == pytest.approx(product, rel=1e-12)
 
 
 def test_vcavities_reflect_by_cook_and_torrances_term():

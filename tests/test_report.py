@@ -5,6 +5,7 @@ import hashlib
 import json
 import re
 import zlib
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,7 +19,8 @@ from mrm_nodes.regression.compare import Figures
 from mrm_nodes.regression.outcome import as_record, from_record, outcome_of
 from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, write_pictures
 from mrm_nodes.regression.report import figure, share, write_report
-from mrm_nodes.render.images import read_image
+from mrm_nodes.regression.worker import Worker
+from mrm_nodes.render import probe_backends, read_image, render
 
 ENVIRONMENT = {
     "date": "2026-07-01 12:00 UTC",
@@ -172,6 +174,29 @@ def test_a_folder_that_cannot_be_written_is_an_error(tmp_path):
 
 def test_a_report_leaves_nothing_else_behind(report):
     assert {path.name for path in report.iterdir()} == {"report.json", "index.html"}
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "schlick-checker-on-color0",
+        "dielectric-over-diffuse-retro0.5",
+        "conductor-beckmann-vcavity-a0.3x0.08-retro0.5",
+    ],
+)
+def test_the_source_that_a_report_shows_renders_as_the_case_did(tmp_path, name):
+    """Its shader has values as uniforms; the document has them written down, and stands alone."""
+    working = [probe.backend for probe in probe_backends("auto") if probe.works]
+    if not working:
+        pytest.skip("needs OpenGL: see `mrm-nodes doctor`")
+    case = replace(next(case for case in default_suite() if case.name == name), size=(48, 48))
+    outcome = Worker(working[0]).run(case, tmp_path)
+    assert outcome.verdict == "pass", outcome.message
+    source = tmp_path / outcome.files["source"]
+    drawn = render(source, case.mesh, case.camera, case.lights, case.size, working[0])
+    shown = read_image(tmp_path / outcome.files["render_data"])
+    assert drawn.image.max() > 0.01
+    assert (np.where(drawn.mask[..., None], drawn.image, np.float32(0)) == shown).all()
 
 
 def test_pictures_keep_data_in_float32_and_show_it_at_one_exposure(tmp_path):

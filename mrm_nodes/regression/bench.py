@@ -23,11 +23,11 @@ import numpy as np
 import OpenImageIO as oiio
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import material
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.cases import AROUND, FRONT, Case, default_suite
 from mrm_nodes.regression.compare import Bounds, compare
 from mrm_nodes.regression.executors import threads
+from mrm_nodes.regression.image_case import source_of
 from mrm_nodes.regression.run import run_suite
 from mrm_nodes.render.images import read_image, write_exr
 from mrm_nodes.render.mesh import Mesh, sphere
@@ -164,10 +164,7 @@ def beside_materialx(count: int = 24, rounds: int = 3, backend: str = "auto") ->
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         for case in chosen:
-            document = material.document(case.node)
-            for key, value in case.inputs.items():
-                _set(document.getNode(material.BSDF), key, value)
-            mx.writeToXmlFile(document, str(folder / f"{case.name}.mtlx"))
+            (folder / f"{case.name}.mtlx").write_text(source_of(case))
         write_obj(sphere(), folder / "sphere.obj")
         for _ in range(rounds):
             result.theirs.append(_draw_with_materialx(folder))
@@ -180,11 +177,6 @@ def beside_materialx(count: int = 24, rounds: int = 3, backend: str = "auto") ->
 def _plain(count: int) -> list[Case]:
     """Cases whose inputs are all values."""
     return [case for case in cases(4 * count) if not case.patterns and case.base is None][:count]
-
-
-def _set(node: mx.Node, name: str, value: Any) -> None:
-    vectors = {2: mx.Vector2, 3: mx.Color3}
-    node.setInputValue(name, vectors[len(value)](*value) if isinstance(value, tuple) else value)
 
 
 def _fresh(function: Callable[..., Any], *arguments: Any) -> Any:

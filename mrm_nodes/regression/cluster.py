@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 import functools
 import importlib
-import itertools
 import os
 import shutil
 import tempfile
@@ -130,7 +129,6 @@ def run_on(
     flying: dict[Future[Any], Task] = {}
     lost: Counter[str] = Counter()
     shipped: dict[str, Any] = {}
-    numbers = itertools.count()
 
     def submit(task: Task, wanted: frozenset[str] = frozenset()) -> None:
         known = {str(path): files.digest(path) for path in task.files()}
@@ -169,8 +167,7 @@ def run_on(
                 if isinstance(answer, Missing):
                     submit(task, answer.digests)
                     continue
-                folder = scratch / str(next(numbers))
-                folder.mkdir()
+                folder = scratch / "arrived"
                 for name, data in answer.files.items():
                     target = folder / name
                     target.parent.mkdir(parents=True, exist_ok=True)

@@ -44,7 +44,10 @@ _SECONDS_A_POINT = 4e-6
 
 @dataclass(frozen=True)
 class Judged:
-    """A task, what became of it, the folder below which its files lie, and what its worker warned of."""
+    """A task, what became of it, the folder below which its files lie, and what its worker warned of.
+
+    Who takes it over takes the files away: the folder is used again.
+    """
 
     task: Task
     outcome: Outcome
@@ -221,24 +224,30 @@ def run_locally(
     queue = Queue(tasks, seconds)
     again: deque[Task] = deque()
     lost: Counter[str] = Counter()
-    folders = (scratch / str(number) for number in itertools.count())
+    new_folders = (scratch / str(number) for number in itertools.count())
+    used_folders: deque[Path] = deque()
     crew = _Crew(backend, min(jobs, len(tasks)), jobs)
+
+    def hand_out() -> None:
+        for member in crew.idle():
+            if not (again or queue):
+                break
+            others = {each for other in crew.members if other is not member for each in other.structures}
+            task = again.popleft() if again else queue.take(member.structures, others)
+            folder = used_folders.popleft() if used_folders else next(new_folders)
+            folder.mkdir(exist_ok=True)
+            member.give(task, folder, time_limit)
+
     try:
+        hand_out()
         while queue or again or crew.busy():
-            for member in crew.idle():
-                if not (again or queue):
-                    break
-                others = {each for other in crew.members if other is not member for each in other.structures}
-                task = again.popleft() if again else queue.take(member.structures, others)
-                folder = next(folders)
-                folder.mkdir()
-                member.give(task, folder, time_limit)
+            done: list[Judged] = []
             for member, answer in crew.answers():
                 task = member.taken()
                 if not isinstance(answer, Lost):
                     outcome, warned, is_sound = answer
                     if is_sound:
-                        yield Judged(task, outcome, member.folder, warned)
+                        done.append(Judged(task, outcome, member.folder, warned))
                         continue
                     answer = Lost(outcome.message or UNSOUND)
                 crew.replace(member)
@@ -249,7 +258,12 @@ def run_locally(
                     continue
                 shutil.rmtree(member.folder, ignore_errors=True)
                 outcome = outcome_of(task, backend, "error", message=f"{answer}, twice")
-                yield Judged(task, outcome, member.folder)
+                done.append(Judged(task, outcome, member.folder))
+            # Workers go on while their results are taken over.
+            hand_out()
+            for each in done:
+                yield each
+                used_folders.append(each.folder)
     finally:
         crew.stop()
 

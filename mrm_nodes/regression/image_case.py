@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import MaterialX as mx
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -23,10 +24,11 @@ from mrm_nodes.regression.environment_reference import (
     view_in,
 )
 from mrm_nodes.regression.material import as_float32
+from mrm_nodes.regression.material_case import as_text
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.reference_image import DiffuseBase, evaluator, shade, shading_frame, white_evaluator
-from mrm_nodes.regression.tolerance import compare_images
+from mrm_nodes.regression.tolerance import SEEN, compare_images
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.environment import Environment
 from mrm_nodes.render.mesh import Mesh
@@ -52,6 +54,8 @@ class Judged(NamedTuple):
     tolerance: Mapping[str, float]
     used: Array
     """`(h, w)`: error as a share of its bound."""
+    flip: Array | None = None
+    """`(h, w)`: FLIP, where errors may be large enough to be seen."""
 
 
 def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
@@ -83,7 +87,9 @@ def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> Non
         place = Path("cases") / outcome.backend / case.name
         (folder / place).mkdir(parents=True, exist_ok=True)
         shown = _spread(judged.reference, judged.mask)
-        written = write_pictures(folder / place, judged.image, shown, judged.mask, judged.used)
+        written = write_pictures(
+            folder / place, judged.image, shown, judged.mask, judged.used, judged.flip, source_of(case)
+        )
         outcome.files = {
             name: (place / file).as_posix() if isinstance(file, str) else file
             for name, file in written.items()
@@ -127,11 +133,13 @@ def _in_environment(
         tolerance = environment_tolerance(light, reference)
         noise = np.hypot(truth.standard_error, host.standard_error)
         image = _spread(host.mean, mask)
-        found = compare_images(image, _spread(reference, mask), mask, tolerance, _spread(noise, mask))
+        found = compare_images(
+            image, _spread(reference, mask), mask, tolerance, _spread(noise, mask), shown=SEEN
+        )
         if found.verdict == "undecided":
             outcome.message = "the sampling errors hide whether the bound is kept: raise the samples"
         used = np.zeros(mask.shape) if found.used is None else found.used
-    return Judged(image, reference, mask, found.verdict, found.figures, tolerance.asked(), used)
+    return Judged(image, reference, mask, found.verdict, found.figures, tolerance.asked(), used, found.flip)
 
 
 def _beside_mirror(
@@ -177,11 +185,29 @@ def _points(drawn: RenderedImage) -> tuple[NDArray[Any], NDArray[Any], NDArray[A
 
 
 def _shader(case: Case, workshop: Workshop, outcome: Outcome, key: Any, element: str | None = None) -> Shader:
-    base = "oren_nayar_diffuse_bsdf" if case.base else None
     with timed(outcome, "generate"):
-        return workshop.shader(
-            key, lambda: material.document(case.node, patterns=case.patterns, base=base), element
+        return workshop.shader(key, lambda: _document(case), element)
+
+
+def _document(case: Case) -> mx.Document:
+    base = "oren_nayar_diffuse_bsdf" if case.base else None
+    return material.document(case.node, patterns=case.patterns, base=base)
+
+
+def source_of(case: Case) -> str:
+    """What is rendered, as a MaterialX document with the case's values: its shader has them as uniforms."""
+    document = _document(case)
+    node, inputs = document.getNode(material.BSDF), material.inputs_of(case.node)
+    for name, value in case.inputs.items():
+        if name in case.patterns:
+            continue
+        kind = inputs[name].type
+        node.addInput(name, kind).setValueString(as_text(value, kind, f"{material.BSDF}/{name}"))
+    if case.base is not None:
+        document.getNode("base").addInput("color", "color3").setValueString(
+            as_text(case.base, "color3", "base")
         )
+    return str(mx.writeToXmlString(document))
 
 
 def _input_points(case: Case, workshop: Workshop, outcome: Outcome, name: str, mesh: Mesh) -> Array:

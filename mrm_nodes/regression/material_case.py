@@ -21,7 +21,7 @@ from mrm_nodes.regression.environment_reference import environment_tolerance, re
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.pictures import write_pictures
-from mrm_nodes.regression.tolerance import Tolerance, compare_images
+from mrm_nodes.regression.tolerance import SEEN, Tolerance, compare_images
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment, find_environment
 from mrm_nodes.render.images import read_image
@@ -212,7 +212,8 @@ def _compare(
         used = np.max(relative_error(image, truth) / expected.bounds.max_rel, axis=-1)
         return _spread(used, mask), None
     asked = case.tolerance if case.tolerance.asked() else expected.tolerance
-    compared = compare_images(expected.image, expected.truth, mask, asked, expected.noise)
+    shown = () if expected.noise is None else SEEN
+    compared = compare_images(expected.image, expected.truth, mask, asked, expected.noise, shown)
     outcome.verdict, outcome.figures = compared.verdict, compared.figures
     outcome.tolerance = asked.asked()
     if compared.verdict == "undecided":

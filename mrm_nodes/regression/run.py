@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import errno
 import json
 import os
 import platform
@@ -299,7 +300,8 @@ class _Run:
         elif outcome.verdict == "error":
             self._check_room()
         sums = {} if changed else _publish(judged.folder, self._folder)
-        shutil.rmtree(judged.folder, ignore_errors=True)
+        if changed:
+            shutil.rmtree(judged.folder, ignore_errors=True)
         for text in judged.warnings:
             warnings.warn(text, MrmWarning, stacklevel=2)
         self._note(outcome, sums)
@@ -414,15 +416,31 @@ def _past(folder: Path, resume: bool) -> journal.Past:
 
 
 def _publish(source: Path, folder: Path) -> journal.Sums:
-    """Move a case's files to their place in the report, each at once, and return their checksums."""
-    sums = {}
-    for file in sorted(source.rglob("*")):
-        if file.is_file():
-            name = file.relative_to(source).as_posix()
-            sums[name] = journal.checksum(file)
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            file.replace(folder / name)
+    """Move a case's files to their place in the report, and return their checksums.
+
+    Each appears at once, and all of a new folder together. Folders above the files stay, for the next case: file
+    systems take their time to remove one.
+    """
+    sums: journal.Sums = {}
+    for place, _, names in os.walk(source, topdown=False):
+        if names:
+            below = Path(place).relative_to(source)
+            sums |= {(below / name).as_posix(): journal.checksum(f"{place}/{name}") for name in sorted(names)}
+            _move(Path(place), folder / below)
     return sums
+
+
+def _move(source: Path, target: Path) -> None:
+    """Put a folder in a place where there may be one already, whose files of the same names it replaces."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        source.rename(target)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+        for file in source.iterdir():
+            file.replace(target / file.name)
+        source.rmdir()
 
 
 @contextlib.contextmanager

@@ -8,8 +8,9 @@ verdict that another run of the sampler could turn round is `undecided`.
 
 from __future__ import annotations
 
+import importlib.util
 import statistics
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -20,6 +21,9 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.compare import FLOOR, Figures, Verdict, quantile, relative_error
 
 Array = NDArray[np.float64]
+
+SEEN = ("flip",) if importlib.util.find_spec("flip_evaluator") else ()
+"""To be measured besides where errors may be large enough to be seen."""
 
 CHANCE = 1e-3
 """Probability with which noise alone may decide a verdict, over all values of an image together."""
@@ -65,7 +69,7 @@ class Comparison:
     used: Array | None
     """`(h, w)`: a pixel's error as a share of its bound; None where no threshold is one on pixels."""
     flip: Array | None
-    """`(h, w)`: FLIP, 0 to 1, of the kind that used more of its threshold; None where neither is asked for."""
+    """`(h, w)`: FLIP, 0 to 1, of the kind that used more of its threshold; None where neither was measured."""
 
 
 class _Measured(NamedTuple):
@@ -82,6 +86,7 @@ def compare_images(
     mask: ArrayLike,
     tolerance: Tolerance,
     standard_error: ArrayLike | None = None,
+    shown: Collection[str] = (),
 ) -> Comparison:
     """Compare the pixels of a mask; a value of the image that is not finite fails.
 
@@ -89,6 +94,7 @@ def compare_images(
         image, reference: `(h, w, 3)`, linear.
         mask: `(h, w)`, true where pixels count.
         standard_error: `(h, w, 3)`, that of the reference's values, taken as independent; None is exact.
+        shown: `flip`, `hdr_flip` or both, to be measured where no threshold asks for them too.
 
     Raises:
         MrmError: nothing can be said: no threshold, no pixels, shapes that differ, or a reference or standard
@@ -105,11 +111,13 @@ def compare_images(
 
     measured, maps = _measure(pixels[covered], truth[covered], noise[covered]), {}
     for name, perceive in _perceivers().items():
-        if name in asked:
+        if name in asked or name in shown:
             maps[name] = perceive(pixels, truth, covered)
             measured[name] = _perceived(maps[name], perceive, truth, covered, noise)
     kept = {name: measured[name] for name in asked}
-    worst_map = max(maps, key=lambda name: _share(measured[name].value, asked[name]), default=None)
+    worst_map = max(
+        maps, key=lambda name: _share(measured[name].value, asked.get(name, np.inf)), default=None
+    )
     figures = Figures(
         max_abs=_magnitude(pixels[covered] - truth[covered]),
         **{name: each.value for name, each in measured.items()},

@@ -61,7 +61,8 @@ def write_exr(path: str | os.PathLike[str], array: NDArray[Any]) -> None:
     """
     pixels = np.ascontiguousarray(array, dtype=np.float32)
     # Without a date of its own a file gets today's, and equal images would be different files.
-    _write(Path(path), pixels, {"compression": "zips", "DateTime": "1970:01:01 00:00:00"}, ".exr")
+    # "zip" packs sixteen rows together: a third of the time of "zips", and smaller.
+    _write(Path(path), pixels, {"compression": "zip:1", "DateTime": "1970:01:01 00:00:00"}, ".exr")
 
 
 def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float = 0.0) -> None:
@@ -76,14 +77,16 @@ def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float
     Raises:
         MrmError: the folder or the file cannot be written.
     """
-    linear = np.nan_to_num(np.asarray(array, dtype=np.float64) * 2.0**exposure, nan=0.0, posinf=1.0)
-    linear = np.clip(linear, 0.0, 1.0)
+    # float32 is more than 8 bits need, and its powers cost a tenth.
+    linear = np.asarray(array, dtype=np.float32) * np.float32(2.0**exposure)
+    linear = np.clip(np.nan_to_num(linear, copy=False, nan=0.0, posinf=1.0), 0.0, 1.0)
     # IEC 61966-2-1
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
-    _write(Path(path), np.round(encoded * 255.0).astype(np.uint8), {"oiio:ColorSpace": "sRGB"}, ".png")
+    attributes: dict[str, str | int] = {"oiio:ColorSpace": "sRGB", "png:compressionLevel": 2}
+    _write(Path(path), np.round(encoded * 255.0).astype(np.uint8), attributes, ".png")
 
 
-def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str], ending: str) -> None:
+def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], ending: str) -> None:
     if pixels.ndim == 2:
         pixels = pixels[..., None]
     if pixels.ndim != 3 or pixels.size == 0:

@@ -161,11 +161,11 @@ def files_of(path: Path, document: mx.Document) -> list[Path]:
 
 def move_images(document: mx.Document, old: Path, new: Path) -> None:
     """Have the images that a document names by absolute names below one folder read below another."""
-    named = {port: port.getResolvedValueString() for port in _filenames(document)}
+    named = [(port, port.getResolvedValueString()) for port in _filenames(document)]
     for element in (document, *document.traverseTree()):
         # Prefixes are part of the resolved names.
         element.removeAttribute("fileprefix")
-    for port, name in named.items():
+    for port, name in named:
         if name:
             port.setValueString(moved_name(name, old, new))
 

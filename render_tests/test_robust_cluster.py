@@ -3,6 +3,7 @@
 import itertools
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.cluster import Cluster, Store, dask_cluster
 from mrm_nodes.regression.inputs import digest
 from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render.images import write_exr
 from mrm_nodes.render.mesh import sphere
 
@@ -23,8 +25,9 @@ BY_LIGHTS = [case for case in default_suite() if case.environment is None]
 IMAGES = [replace(case, size=(48, 48)) for case in BY_LIGHTS[::12]]
 MATERIAL = """<materialx version="1.39">
   <image name="worn" type="float"><input name="file" type="filename" value="tex/worn.exr"/></image>
+  <image name="brushed" type="vector2"><input name="file" type="filename" value="OUTSIDE/brushed.exr"/></image>
   <mrm_conductor_bsdf name="bsdf" type="BSDF">
-    <input name="roughness" type="vector2" value="0.3, 0.3"/>
+    <input name="roughness" type="vector2" nodename="brushed"/>
     <input name="retroreflectivity" type="float" nodename="worn"/>
   </mrm_conductor_bsdf>
   <surface name="surface" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="bsdf"/></surface>
@@ -46,7 +49,9 @@ CLOUDS = [Cloud("mrm_conductor_bsdf", configurations=5000)]
 
 @pytest.fixture(scope="module")
 def tasks(tmp_path_factory):
-    """Images, a cloud, a material with a texture and a mesh of its own, and tasks that share files."""
+    """Images, a cloud, a material with a mesh and textures of its own, one of them elsewhere by an absolute name, and
+    tasks that share files.
+    """
     folder = tmp_path_factory.mktemp("files")
     files = [folder / "mesh.obj", folder / "texture.exr"]
     for number, file in enumerate(files):
@@ -55,9 +60,11 @@ def tasks(tmp_path_factory):
     (folder / "tex").mkdir()
     write_exr(folder / "tex" / "worn.exr", np.random.default_rng(0).random((16, 16), np.float32))
     write_obj(sphere(), folder / "ball.obj")
-    (folder / "m.mtlx").write_text(MATERIAL)
+    outside = tmp_path_factory.mktemp("outside")
+    write_exr(outside / "brushed.exr", np.random.default_rng(1).uniform(0.3, 0.5, (16, 16, 3)))
+    (folder / "m.mtlx").write_text(MATERIAL.replace("OUTSIDE", str(outside)))
     (folder / "suite.toml").write_text(SUITE)
-    return [*IMAGES, *CLOUDS, *reading, *suites.suite(str(folder / "suite.toml"))]
+    return [*IMAGES, *CLOUDS, *reading, *suites.suite(str(folder / "suite.toml"), allow_external=True)]
 
 
 @pytest.fixture(scope="module")
@@ -134,6 +141,51 @@ def test_a_worker_with_another_library_is_an_error_of_its_cases(working_backend,
     with ThreadPoolExecutor(1) as pool:
         report = run_suite(IMAGES[:1], tmp_path, working_backend, cluster=Cluster(pool))
     assert "other versions" in report["cases"][0]["message"]
+
+
+@pytest.fixture
+def travelled(tmp_path, tasks):
+    """The material's case as a worker elsewhere has it: its files laid out anew, and not where they came from."""
+    case = tasks[-1]
+    store = Store()
+    contents = {digest(path.read_bytes()): path.read_bytes() for path in case.files()}
+    tree = store.lay_out({str(path): digest(path.read_bytes()) for path in case.files()}, contents)
+    return case, case.moved(tree / case.root.relative_to("/")), store
+
+
+def test_a_texture_of_an_absolute_name_is_read_from_what_came_along(
+    working_backend, travelled, expected, tmp_path
+):
+    case, there, _store = travelled
+    texture = next(path for path in case.files() if path.name == "brushed.exr")
+    texture.rename(texture.with_name("away"))
+    try:
+        worker = Worker(working_backend)
+        outcome = worker.run(there, tmp_path)
+        assert (outcome.verdict, outcome.message) == ("pass", "")
+        render = f"cases/{working_backend}/{case.name}/render.exr"
+        assert (tmp_path / render).read_bytes() == (expected[1] / render).read_bytes()
+        assert str(texture) in worker.run(case, tmp_path / "here").message
+    finally:
+        texture.with_name("away").rename(texture)
+
+
+@pytest.mark.parametrize("what", ["a document", "an image"])
+def test_what_did_not_come_along_is_named(working_backend, travelled, tmp_path, what):
+    """Also where the worker's machine has something under that name."""
+    _, there, _store = travelled
+    document = there.root / there.material
+    document.unlink()
+    file = Path(__file__)
+    if what == "a document":
+        file = tmp_path / "graph.mtlx"
+        file.write_text('<materialx version="1.39" />')
+        document.write_text(MATERIAL.replace("<image", f'<xi:include href="{file}" /><image', 1))
+    else:
+        document.write_text(MATERIAL.replace("OUTSIDE/brushed.exr", str(file)))
+    outcome = Worker(working_backend).run(there, tmp_path / "report")
+    assert outcome.verdict == "error"
+    assert f"{file} did not come along to the cluster's worker" in outcome.message
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x"])

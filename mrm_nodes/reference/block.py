@@ -6,7 +6,7 @@ named by the offset of its first element."""
 
 from typing import Any
 
-from .compiled import Array, formula, inlined
+from .compiled import Array, formula, inlined, prefetch
 
 BLOCK = 64
 
@@ -39,6 +39,9 @@ REFLECT, TRANSMIT, BOTH = 0, 1, 2
 IN_V, IN_L, IN_ALPHA, IN_RETRO, IN_A, IN_B, IN_C, IN_EXPONENT, IN_FILM, IN_FILM_INDEX = range(10)
 IN_RXY, IN_MEAN, IN_TINT, IN_TABLE, IN_NODES = range(10, 15)
 
+# Doubles that memory hands over together.
+CACHE_LINE = 8
+
 # Twice the deviation of a length from 1 is that of its square.
 UNIT_TOLERANCE = 2e-6
 
@@ -56,12 +59,20 @@ def _load(s: Array, row: int, source: Array, component: int, start: int, count: 
 
 
 @inlined
+def ask_ahead(dense: Array, start: int) -> None:
+    """Have memory bring the three components of a block that begins at `start`, which may lie past the end."""
+    for k in range(start, start + 3 * BLOCK, CACHE_LINE):
+        prefetch(dense, k)
+
+
+@inlined
 def load_directions(
     s: Array, row: int, source: Array, dense: Array, start: int, count: int, first: bool
 ) -> None:
     """Fill three rows with `count` directions from `start` on; `dense` is `source` in one piece, or empty."""
     # The compiler makes vector loads only where it can rule out an index counted from the end.
     if dense.size > 0 and count == BLOCK and start >= 0:
+        ask_ahead(dense, 3 * (start + BLOCK))
         for i in range(BLOCK):
             s[row + i] = dense[3 * (start + i)]
             s[row + BLOCK + i] = dense[3 * (start + i) + 1]

@@ -17,8 +17,10 @@ from typing import Any
 
 import numba
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
 from numba import config, types
 from numba.core.caching import FunctionCache
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -34,6 +36,31 @@ contracted = numba.njit(error_model="numpy", fastmath={"contract"})
 
 # For what is given the place of a row: only where it is a constant does a loop over the row vectorise.
 inlined = numba.njit(error_model="numpy", forceinline=True)
+
+
+def _prefetch(_: Any, array: Any, index: Any) -> Any:
+    """Ask for the part of memory that holds `array[index]`.
+
+    A kernel works on one block for long enough that the processor stops looking ahead. Nothing is read: the
+    index may lie past the end.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        number, pointer = ir.IntType(32), ir.IntType(8).as_pointer()
+        function = builder.module.declare_intrinsic(
+            "llvm.prefetch", [pointer], ir.FunctionType(ir.VoidType(), [pointer, number, number, number])
+        )
+        place = builder.bitcast(builder.gep(data, [arguments[1]]), pointer)
+        read, everywhere, data_cache = number(0), number(3), number(1)
+        builder.call(function, [place, read, everywhere, data_cache])
+        return context.get_dummy_value()
+
+    return types.none(array, index), generate
+
+
+prefetch: Any = intrinsic(_prefetch)
+
 
 INPUT = types.Array(types.float64, 2, "A", readonly=True)
 DENSE = types.Array(types.float64, 1, "C", readonly=True)
@@ -55,7 +82,7 @@ def _source_stamp() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
         source = path.read_bytes()
-        if b"@formula" in source or b"@contracted" in source or path.name == "block.py":
+        if b"@formula" in source or b"@contracted" in source or path.name in ("block.py", "compiled.py"):
             digest.update(source)
     return digest.hexdigest()
 

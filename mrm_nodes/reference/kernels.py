@@ -68,13 +68,14 @@ from .block import (
     VISIBLE,
     VX,
     D,
+    ask_ahead,
     clear,
     load_directions,
     load_parameters,
     store,
     store_colours,
 )
-from .compiled import Array, Kernel, formula
+from .compiled import Array, Kernel, formula, inlined
 from .fresnel import CONDUCTOR, DIELECTRIC
 from .sampling import sample_normal, sample_visible_smith
 from .single import draw_one, scattered
@@ -82,13 +83,12 @@ from .single import draw_one, scattered
 INPUTS = 14
 
 
-@formula
-def _prepare(s: Array, modes: Any, table: Array, lit: bool) -> int:
-    """What the lobes of a loaded block share; returns how many of its directions are not of unit length."""
-    rejected = passes.place(s, modes, lit)
-    passes.indices(s, modes)
-    passes.white_albedo(s, modes, table)
-    return rejected
+@inlined
+def _load(s: Array, inputs: Any, modes: Any, begin: int, count: int, first: bool) -> None:
+    """The parameters of a block, and the index that follows from them, unless the last block's are the same."""
+    if first or s[VARIES] > 0.0:
+        load_parameters(s, inputs, begin, count, first)
+        passes.indices(s, modes)
 
 
 @formula
@@ -199,21 +199,71 @@ def _evaluate_block(s: Array, modes: Any, table: Array) -> None:
             s[OR + i] *= s[T0 + i]
 
 
+@formula
+def _plain_colours(s: Array, modes: Any) -> None:
+    """The tinted reflectance at OUTER, which holds v.h, times VISIBLE."""
+    if modes[KIND] != CONDUCTOR:
+        for i in range(BLOCK):
+            s[OUTER + i] = passes.outer_cosine(s[OUTER + i], s[SIDE + i], s[INDEX + i])
+    passes.fresnel(s, modes)
+    if modes[KIND] == DIELECTRIC:
+        for i in range(3 * BLOCK):
+            s[FR + i] *= s[T0 + i]
+
+
+@formula
+def _evaluate_plain(s: Array, modes: Any, v: Array, l: Array, out: Array, start: int) -> int:  # noqa: E741
+    """`_evaluate_block` of what is `passes.plain`, from directions in one piece straight to the result."""
+    if start < 0:
+        return 0
+    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
+    rejected = 0
+    if forward:
+        rejected = passes.plain_lobe(s, modes, v, l, start, 1.0)
+        _plain_colours(s, modes)
+        if retro:
+            for i in range(BLOCK):
+                s[OR + i] = s[VISIBLE + i] * s[FR + i]
+                s[OG + i] = s[VISIBLE + i] * s[FG + i]
+                s[OB + i] = s[VISIBLE + i] * s[FB + i]
+    if retro:
+        rejected = passes.plain_lobe(s, modes, v, l, start, -1.0)
+        _plain_colours(s, modes)
+    if forward and retro:
+        for i in range(BLOCK):
+            out[start + 3 * i] = s[OR + i] + s[VISIBLE + i] * s[FR + i]
+            out[start + 3 * i + 1] = s[OG + i] + s[VISIBLE + i] * s[FG + i]
+            out[start + 3 * i + 2] = s[OB + i] + s[VISIBLE + i] * s[FB + i]
+    else:
+        for i in range(BLOCK):
+            out[start + 3 * i] = s[VISIBLE + i] * s[FR + i]
+            out[start + 3 * i + 1] = s[VISIBLE + i] * s[FG + i]
+            out[start + 3 * i + 2] = s[VISIBLE + i] * s[FB + i]
+    return rejected
+
+
 def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """f(v, l) of the whole lobe into `outputs[0]`; returns how many directions were not of unit length."""
     s = np.empty(SIZE)
     # Taken out of their tuples once: each time costs a count of references.
     v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
     table, out = inputs[IN_TABLE], outputs[0]
+    plain = passes.plain(modes) and dense_v.size > 0 and dense_l.size > 0
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         first = begin == start
+        ask_ahead(out, 3 * begin)
+        _load(s, inputs, modes, begin, count, first)
+        if plain and count == BLOCK:
+            ask_ahead(dense_v, 3 * (begin + BLOCK))
+            ask_ahead(dense_l, 3 * (begin + BLOCK))
+            rejected += _evaluate_plain(s, modes, dense_v, dense_l, out, 3 * begin)
+            continue
         load_directions(s, VX, v, dense_v, begin, count, first)
         load_directions(s, LX, l, dense_l, begin, count, first)
-        if first or s[VARIES] > 0.0:
-            load_parameters(s, inputs, begin, count, first)
-        rejected += _prepare(s, modes, table, True)
+        rejected += passes.place(s, modes, True)
+        passes.white_albedo(s, modes, table)
         _evaluate_block(s, modes, table)
         store_colours(s, out, OR, begin, count)
     return rejected
@@ -300,9 +350,9 @@ def density(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
         first = begin == start
         load_directions(s, VX, v, dense_v, begin, count, first)
         load_directions(s, LX, l, dense_l, begin, count, first)
-        if first or s[VARIES] > 0.0:
-            load_parameters(s, inputs, begin, count, first)
-        rejected += _prepare(s, modes, table, True)
+        _load(s, inputs, modes, begin, count, first)
+        rejected += passes.place(s, modes, True)
+        passes.white_albedo(s, modes, table)
         _density_block(s, modes)
         store(s, out, OR, begin, count)
     return rejected
@@ -322,9 +372,9 @@ def draw(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: An
         first = begin == start
         load_directions(s, VX, v, dense_v, begin, count, first)
         load_directions(s, LX, l, dense_l, begin, count, first)
-        if first or s[VARIES] > 0.0:
-            load_parameters(s, inputs, begin, count, first)
-        rejected += _prepare(s, modes, table, False)
+        _load(s, inputs, modes, begin, count, first)
+        rejected += passes.place(s, modes, False)
+        passes.white_albedo(s, modes, table)
         for i in range(count):
             draw_one(s, i, modes, s[LX + i], s[LY + i], s[LZ + i], out, 8 * (begin + i))
     return rejected
@@ -425,9 +475,9 @@ def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, output
         count = min(BLOCK, stop - begin)
         first = begin == start
         load_directions(s, VX, v, dense_v, begin, count, first)
-        if first or s[VARIES] > 0.0:
-            load_parameters(s, inputs, begin, count, first)
-        rejected += _prepare(s, modes, table, False)
+        _load(s, inputs, modes, begin, count, first)
+        rejected += passes.place(s, modes, False)
+        passes.white_albedo(s, modes, table)
         for i in range(count):
             parts = _integrate_one(s, i, modes, nodes)
             s[OR + i], s[OG + i], s[OB + i] = parts[0], parts[1], parts[2]
@@ -467,9 +517,7 @@ def reflectance(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outp
         count = min(BLOCK, stop - begin)
         first = begin == start
         load_directions(s, LX, cosines, dense_l, begin, count, first)
-        if first or s[VARIES] > 0.0:
-            load_parameters(s, inputs, begin, count, first)
-        passes.indices(s, modes)
+        _load(s, inputs, modes, begin, count, first)
         if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
             passes.typical_reflectance(s, modes)
         else:

@@ -57,7 +57,10 @@ from .block import (
     MX,
     MY,
     OUTER,
+    REFLECT,
+    RETRO,
     RXY,
+    SCATTER,
     SIDE,
     SINE_L,
     SINE_V,
@@ -142,6 +145,73 @@ def reflecting_normal(s: Array, modes: Any) -> None:
             s[D + i] = surface.ggx_normals(x, y, z, hh, s[AX + i], s[AY + i])
     if not plain:
         normals(s, modes)
+
+
+@formula
+def plain(modes: Any) -> bool:
+    """Whether `plain_lobe` is the whole lobe: reflection by GGX about the normal, with Smith's masking of
+    heights or separable, and no compensation.
+    """
+    ggx = modes[DISTRIBUTION] == surface.GGX and modes[SKEWED] == 0 and modes[MASKING] == surface.SMITH
+    masked = modes[CORRELATION] == surface.HEIGHT or modes[CORRELATION] == surface.SEPARABLE
+    alone: bool = modes[SCATTER] == REFLECT and modes[COMPENSATION] == energy.NONE
+    return ggx and masked and alone
+
+
+@inlined
+def plain_lobe(s: Array, modes: Any, v: Array, l: Array, start: int, turn: float) -> int:  # noqa: E741
+    """D G2 / (4 cos v cos l) times the lobe's share into VISIBLE, 0 where nothing is lit, and v.h into OUTER;
+    `turn` is 1, or -1 for the retro lobe.
+
+    What `place`, `areas`, `reflecting_normal` and `visibility` do, in one loop: the same formulas, with
+    nothing stored between them."""
+    inside = 1.0 if modes[KIND] == CONDUCTOR else -1.0
+    rejected = 0
+    if start < 0:
+        return 0
+    if modes[CORRELATION] == surface.HEIGHT:
+        for i in range(BLOCK):
+            rejected += _plain_at(s, i, v, l, start + 3 * i, inside, turn, surface.height_visibility)
+    else:
+        for i in range(BLOCK):
+            rejected += _plain_at(s, i, v, l, start + 3 * i, inside, turn, _separable)
+    return rejected
+
+
+@inlined
+def _separable(_: float, __: float, area_v: float, area_l: float) -> float:
+    return surface.separable_visibility(area_v, area_l)
+
+
+@inlined
+def _plain_at(
+    s: Array,
+    i: int,
+    v: Array,
+    l: Array,  # noqa: E741
+    k: int,
+    inside: float,
+    turn: float,
+    visibility: Any,
+) -> int:
+    vx, vy, vz = v[k], v[k + 1], v[k + 2]
+    lx, ly, lz = l[k], l[k + 1], l[k + 2]
+    side = 1.0 if vz >= 0.0 else inside
+    s[SIDE + i] = side
+    cv, cl = side * vz, side * lz
+    ax, ay = s[AX + i], s[AY + i]
+    across, along = ax * vx, ay * vy
+    area_v = surface.ggx_projected_area(cv, across * across + along * along)
+    across, along = ax * lx, ay * ly
+    area_l = surface.ggx_projected_area(cl, across * across + along * along)
+    x, y, z = turn * vx + lx, turn * vy + ly, vz + lz
+    hh = x * x + y * y + z * z
+    # Half the length of v + l is the cosine with either.
+    s[OUTER + i] = 0.5 * math.sqrt(hh)
+    lobe = surface.ggx_normals(x, y, z, hh, ax, ay) * visibility(cv, cl, area_v, area_l)
+    share = 1.0 - s[RETRO + i] if turn > 0.0 else s[RETRO + i]
+    s[VISIBLE + i] = 0.25 * share * lobe if min(min(cv, cl), share) > 0.0 else 0.0
+    return not_unit(vx, vy, vz) + not_unit(lx, ly, lz)
 
 
 @formula

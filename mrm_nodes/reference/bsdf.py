@@ -18,6 +18,7 @@ from .checks import (
     COMPENSATIONS,
     CORRELATIONS,
     DISTRIBUTIONS,
+    LARGEST_INDEX,
     MASKINGS,
     SCATTER_MODES,
     check_unit,
@@ -32,9 +33,6 @@ from .compiled import Array, Kernel, run
 from .energy import any_lobe_table, white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
 from .quadrature import quadrature_nodes
-
-#: Beyond it the squares of squares in Fresnel's equations leave float64's range.
-LARGEST_INDEX = 1e6
 
 
 class BsdfSample(NamedTuple):
@@ -55,7 +53,8 @@ class Lobe:
 
     Every parameter is a number or an array: scalars `(...)`, colours `(..., 3)`, `alpha` a number, a pair
     or `(..., 2)`; all broadcast with the directions. Directions are unit vectors away from the surface, in
-    a frame whose normal is +z and whose tangent is +x. Sources: "The Minimal Retroreflective Microfacet
+    a frame whose normal is +z and whose tangent is +x. Phong's masking is the V-cavities' whatever `masking` says;
+    its Smith masking is that of `Phong`. Sources: "The Minimal Retroreflective Microfacet
     Model" (001) and Heitz 2014."""
 
     def __init__(
@@ -82,6 +81,10 @@ class Lobe:
         self._distribution = choice("distribution", distribution, DISTRIBUTIONS)
         self._masking = choice("masking", masking, MASKINGS)
         if self._distribution == surface.PHONG:
+            if self._masking not in (surface.SMITH, surface.VCAVITY):
+                raise ValueError(
+                    f"masking must be 'smith' or 'vcavity' for the phong distribution, not {masking!r}"
+                )
             # Phong has no Smith masking in closed form; the V-cavity's asks nothing of the distribution.
             self._masking = surface.VCAVITY
         self._correlation = choice("correlation", correlation, CORRELATIONS)
@@ -240,13 +243,13 @@ class Lobe:
         view = directions("v", v)
         shape = np.broadcast_shapes(view.shape[:-1], self._shape)
         amount = scalar("weight", weight, 0.0)
+        check_unit("v", view)
         if self._kind == CONDUCTOR:
             return np.zeros((*np.broadcast_shapes(shape, amount.shape[:-1]), 3))
         if self._compensation not in (energy.NONE, energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
             raise ValueError(
                 "throughput is MaterialX's: energy_compensation must be None or one of its versions"
             )
-        check_unit("v", view)
         cosine = np.clip(np.abs(view[..., 2:]), 1e-8, 1.0)
         mean_alpha = np.sqrt(self._alpha[..., :1] * self._alpha[..., 1:])
         a, b = split_sum(self._fit_pair(), cosine, mean_alpha)

@@ -37,6 +37,9 @@ COMPENSATIONS = {
     "kulla-conty": energy.KULLA_CONTY,
 }
 
+#: Beyond it the squares of squares in Fresnel's equations leave float64's range.
+LARGEST_INDEX = 1e6
+
 
 def first(array: Array, bad: NDArray[np.bool_]) -> str:
     """The first bad value and where it is."""
@@ -45,30 +48,38 @@ def first(array: Array, bad: NDArray[np.bool_]) -> str:
     return f"{value:g}" if array.ndim == 0 else f"{value:g} at index {tuple(int(k) for k in where)}"
 
 
-def _numbers(name: str, value: ArrayLike, low: float, high: float, open_low: bool = False) -> Array:
+def _real(value: ArrayLike) -> Array:
+    if np.iscomplexobj(value):
+        raise TypeError("complex numbers have no place here")
+    return np.asarray(value, dtype=np.float64)
+
+
+def numbers(
+    name: str, value: ArrayLike, low: float = -np.inf, high: float = np.inf, open_low: bool = False
+) -> Array:
+    """A parameter of any shape; `ValueError` for what is not a number or outside its range."""
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = _real(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be a number or an array of numbers, not {value!r}") from error
     good = (array > low) if open_low else (array >= low)
     good &= array <= high
     good &= np.isfinite(array)
     if not good.all():
-        bounds = f"{'above' if open_low else 'at least'} {low:g}" + (
-            f" and at most {high:g}" if high < np.inf else ""
-        )
-        raise ValueError(f"{name} must be finite, {bounds}, not {first(array, ~good)}")
+        bounds = f", {'above' if open_low else 'at least'} {low:g}" if low > -np.inf else ""
+        bounds += f" and at most {high:g}" if high < np.inf else ""
+        raise ValueError(f"{name} must be finite{bounds}, not {first(array, ~good)}")
     return array
 
 
 def scalar(name: str, value: ArrayLike, low: float, high: float = np.inf, open_low: bool = False) -> Array:
     """A parameter of shape (...), as (..., 1); `ValueError` outside its range."""
-    return _numbers(name, value, low, high, open_low)[..., np.newaxis]
+    return numbers(name, value, low, high, open_low)[..., np.newaxis]
 
 
 def colour(name: str, value: ArrayLike, low: float, high: float = np.inf, open_low: bool = False) -> Array:
     """A parameter that is a number or has shape (..., 3), as (..., 3); `ValueError` outside its range."""
-    array = _numbers(name, value, low, high, open_low)
+    array = numbers(name, value, low, high, open_low)
     if array.ndim == 0:
         array = array[np.newaxis]
     if array.shape[-1] not in (1, 3):
@@ -80,7 +91,7 @@ def pair(name: str, value: ArrayLike, low: float, high: float, open_low: bool = 
     """A parameter that is a number, a pair or has shape (..., 2), as (..., 2); `ValueError` outside its
     range.
     """
-    array = _numbers(name, value, low, high, open_low)
+    array = numbers(name, value, low, high, open_low)
     if array.ndim == 0:
         array = array[np.newaxis]
     if array.shape[-1] not in (1, 2):
@@ -100,7 +111,7 @@ def choice(name: str, value: object, choices: dict[str, int] | dict[str | None, 
 def directions(name: str, value: ArrayLike) -> Array:
     """Directions as float64 of shape (..., 3); `ValueError` for another shape."""
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = _real(value)
     except (TypeError, ValueError) as error:
         raise ValueError(f"{name} must be an array of directions, not {value!r}") from error
     if array.ndim == 0 or array.shape[-1] != 3:
@@ -117,3 +128,12 @@ def check_unit(name: str, array: Array) -> None:
         raise ValueError(
             f"{name} must be of unit length: {array[where]} at index {where} has length {length[where]:g}"
         )
+
+
+def check_shapes(**shapes: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape to which the named shapes broadcast; `ValueError` that names them where they do not."""
+    try:
+        return np.broadcast_shapes(*shapes.values())
+    except ValueError:
+        named = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
+        raise ValueError(f"shapes do not broadcast: {named}") from None

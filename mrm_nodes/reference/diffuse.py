@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import check_unit, colour, directions, scalar
+from .checks import check_shapes, check_unit, colour, directions, scalar
 from .compiled import Array
 from .distributions import Distribution
 
@@ -18,6 +18,7 @@ def lambert(albedo: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E7
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)
     check_unit("l", light)
+    check_shapes(albedo=rho.shape[:-1], v=view.shape[:-1], l=light.shape[:-1])
     lit = (view[..., 2:] > 0.0) & (light[..., 2:] > 0.0)
     return np.where(lit, rho / np.pi, 0.0)
 
@@ -46,6 +47,7 @@ def eon(albedo: ArrayLike, roughness: ArrayLike, v: ArrayLike, l: ArrayLike) -> 
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)
     check_unit("l", light)
+    check_shapes(albedo=rho.shape[:-1], roughness=r.shape[:-1], v=view.shape[:-1], l=light.shape[:-1])
     s = (view[..., :2] * light[..., :2]).sum(axis=-1, keepdims=True)
     return _eon(rho, r, view[..., 2:], light[..., 2:], s)
 
@@ -83,6 +85,7 @@ def oren_nayar(
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)
     check_unit("l", light)
+    check_shapes(albedo=rho.shape[:-1], roughness=r.shape[:-1], v=view.shape[:-1], l=light.shape[:-1])
     mu_v, mu_l = view[..., 2:], light[..., 2:]
     s = np.maximum((view * light).sum(axis=-1, keepdims=True), 1e-8) - mu_v * mu_l
     if energy_compensation:
@@ -115,6 +118,7 @@ def diffuse_microfacets(
     check_unit("v", view)
     check_unit("l", light)
     normals, weights = distribution.quadrature(resolution)
+    check_shapes(albedo=rho.shape[:-1], v=view.shape[:-1], l=light.shape[:-1])
     shape = np.broadcast_shapes(view.shape[:-1], light.shape[:-1])
     view, light = (np.broadcast_to(d, (*shape, 3)).reshape(-1, 3) for d in (view, light))
     weights = weights * distribution.D(normals)

@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from . import microsurface as surface
-from .checks import CORRELATIONS, MASKINGS, check_unit, choice, directions, first, pair, scalar
+from .checks import (
+    CORRELATIONS,
+    MASKINGS,
+    check_shapes,
+    check_unit,
+    choice,
+    directions,
+    numbers,
+    pair,
+    scalar,
+)
 from .compiled import Array, Kernel, formula, run
 from .sampling import sample_visible_smith, sample_visible_vcavity
 from .single import projected_area
@@ -146,12 +156,9 @@ _ANSWER = Kernel(_answer, 6, 1)
 
 def sampling_uniforms(u: ArrayLike, needed: int) -> Array:
     """Uniforms (..., 3) of which `needed` were asked for; `ValueError` for another shape or range."""
-    uniforms = np.asarray(u, dtype=np.float64)
+    uniforms = numbers("u", u, 0.0, 1.0)
     if uniforms.ndim == 0 or uniforms.shape[-1] not in (needed, 3):
         raise ValueError(f"u must have shape (..., {needed}), not {uniforms.shape}")
-    good = (uniforms >= 0.0) & (uniforms <= 1.0)
-    if not good.all():
-        raise ValueError(f"u must be in [0, 1], not {first(uniforms, ~good)}")
     if uniforms.shape[-1] == 2:
         uniforms = np.concatenate([uniforms, np.zeros((*uniforms.shape[:-1], 1))], axis=-1)
     return uniforms
@@ -175,6 +182,7 @@ class Distribution:
     ) -> None:
         x = scalar("ax", ax, 0.0, open_low=True)
         y = x if ay is None else scalar("ay", ay, 0.0, open_low=True)
+        check_shapes(ax=x.shape[:-1], ay=y.shape[:-1])
         self._alpha = np.concatenate(np.broadcast_arrays(x, y), axis=-1)
         self._rxy = scalar("slope_correlation", slope_correlation, -0.9999, 0.9999)
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
@@ -214,6 +222,12 @@ class Distribution:
 
         Gauss-Legendre in the stretched slope's length over 1 + length, equal steps in its azimuth.
         """
+        if not isinstance(resolution, int) or resolution < 1:
+            raise ValueError(f"resolution must be an integer, at least 1, not {resolution!r}")
+        if self._alpha.size != 2 or self._rxy.size != 1 or self._mean.size != 2:
+            raise ValueError(
+                "a quadrature is for single parameters, not for arrays of them: ax, ay and slopes"
+            )
         ax, ay, rxy, mean_x, mean_y = (
             float(value)
             for value in (*self._alpha.reshape(2), self._rxy.item(), *np.broadcast_to(self._mean, 2))
@@ -266,10 +280,13 @@ class Distribution:
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
         """Normals drawn from those visible from v, for uniforms u (..., 2), or (..., 3) for V-cavities.
-        Shape (..., 3).
+        Shape (..., 3). `ValueError` for v below the surface.
         """
         uniforms = sampling_uniforms(u, 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2)
-        return self._ask(_SAMPLE, v=v, l=uniforms, masking=masking, components=3)
+        view = directions("v", v)
+        if not (view[..., 2] - (self._mean * view[..., :2]).sum(axis=-1) >= 0.0).all():
+            raise ValueError("v must be above the surface whose visible normals are sampled")
+        return self._ask(_SAMPLE, v=view, l=uniforms, masking=masking, components=3)
 
     def pdf_visible(self, v: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
         """Density of visible normals, G1(v, m) <v, m> D(m) / (v.n) (eq. 16), per steradian. Shape (...)."""

@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .checks import LARGEST_INDEX, check_shapes, numbers
 from .compiled import Array, contracted, formula
 
 DIELECTRIC = 0
@@ -107,20 +108,8 @@ def index_from_f0(f0: float) -> float:
     return (1.0 + root) / (1.0 - root)
 
 
-def _cosine(cos_theta: ArrayLike) -> Array:
-    cosine = np.asarray(cos_theta, dtype=np.float64)
-    if not np.all((cosine >= 0.0) & (cosine <= 1.0)):
-        bad = cosine[~((cosine >= 0.0) & (cosine <= 1.0))].flat[0]
-        raise ValueError(f"cos_theta must be in [0, 1], not {bad}")
-    return cosine
-
-
-def _positive(name: str, value: ArrayLike) -> Array:
-    array = np.asarray(value, dtype=np.float64)
-    if not np.all((array > 0.0) & np.isfinite(array)):
-        bad = array[~((array > 0.0) & np.isfinite(array))].flat[0]
-        raise ValueError(f"{name} must be positive and finite, not {bad}")
-    return array
+def _index(name: str, value: ArrayLike, open_low: bool = False) -> Array:
+    return numbers(name, value, 0.0, LARGEST_INDEX, open_low)
 
 
 def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
@@ -129,7 +118,8 @@ def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
     `cos_theta` in [0, 1] and `eta` = far / near index broadcast; so does the result. `ValueError` outside.
     Source: Mally, The Microfacet BRDF Model, "Fresnel's Law".
     """
-    c, eta_array = np.broadcast_arrays(_cosine(cos_theta), _positive("eta", eta))
+    c, eta_array = numbers("cos_theta", cos_theta, 0.0, 1.0), _index("eta", eta, open_low=True)
+    check_shapes(cos_theta=c.shape, eta=eta_array.shape)
     g_squared = eta_array**2 - 1.0 + c**2
     g = np.sqrt(np.maximum(g_squared, 0.0))
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -144,12 +134,10 @@ def fresnel_conductor(cos_theta: ArrayLike, n: ArrayLike, k: ArrayLike) -> Array
     All arguments broadcast. `ValueError` for a cosine outside [0, 1], n <= 0 or k < 0.
     Source: Born and Wolf, Principles of Optics, section 14.2.
     """
-    index = _positive("n", n)
-    extinction = np.asarray(k, dtype=np.float64)
-    if not np.all((extinction >= 0.0) & np.isfinite(extinction)):
-        bad = extinction[~((extinction >= 0.0) & np.isfinite(extinction))].flat[0]
-        raise ValueError(f"k must be non-negative and finite, not {bad}")
-    c2 = _cosine(cos_theta) ** 2
+    cosine = numbers("cos_theta", cos_theta, 0.0, 1.0)
+    index, extinction = _index("n", n, open_low=True), _index("k", k)
+    check_shapes(cos_theta=cosine.shape, n=index.shape, k=extinction.shape)
+    c2 = cosine**2
     s2 = 1.0 - c2
     t0 = index**2 - extinction**2 - s2
     modulus = np.sqrt(t0**2 + 4.0 * index**2 * extinction**2)
@@ -170,9 +158,13 @@ def fresnel_schlick(
     """Generalised Schlick reflectance with the 82-degree tint, clamped to [0, 1].
 
     All arguments broadcast. `f82` is a tint: the reflectance at cos = 1/7 is `f82` times what it would be
-    without it. Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model"."""
-    away = 1.0 - _cosine(cos_theta)
-    low, tint, high, power = (np.asarray(x, dtype=np.float64) for x in (f0, f82, f90, exponent))
+    without it. `ValueError` for a cosine outside [0, 1] or another argument below 0.
+    Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model".
+    """
+    away = 1.0 - numbers("cos_theta", cos_theta, 0.0, 1.0)
+    low, tint, high = numbers("f0", f0, 0.0), numbers("f82", f82, 0.0), numbers("f90", f90, 0.0)
+    power = numbers("exponent", exponent, 0.0)
+    check_shapes(cos_theta=away.shape, f0=low.shape, f82=tint.shape, f90=high.shape, exponent=power.shape)
     base = low + (high - low) * away**power
     at_82 = low + (high - low) * (1.0 - COS_82) ** power
     return np.clip(base - at_82 * (1.0 - tint) * TINT_SCALE * (1.0 - away) * away**6, 0.0, 1.0)

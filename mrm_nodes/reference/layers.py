@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import colour, directions, scalar
+from .checks import check_unit, colour, directions, scalar
 from .compiled import Array
 from .diffuse import lambert, oren_nayar
 
@@ -82,7 +82,9 @@ class OrenNayar:
 
 
 def _opaque(v: ArrayLike) -> Array:
-    return np.zeros(directions("v", v).shape)
+    view = directions("v", v)
+    check_unit("v", view)
+    return np.zeros(view.shape)
 
 
 @dataclass(frozen=True)

@@ -39,6 +39,23 @@ def _log_gamma(x: Array) -> Array:
 _incomplete_beta: Any = numba.vectorize(incomplete_beta.py_func)  # type: ignore[no-untyped-call]
 
 
+def _joint(code: int, a: float, b: float, vx: float, vy: float, lx: float, ly: float, across: bool) -> float:
+    """G2 from a = 1 + Λ(v) and b = 1 + Λ(l) (Heitz eqs. 98 to 101), as the other distributions have it."""
+    if code == surface.SEPARABLE or (across and code == surface.DIRECTION):
+        return 1.0 / (a * b)
+    if across:
+        return float(surface.beta_visibility(1.0, 1.0, a, b))
+    if code == surface.HEIGHT:
+        return float(surface.height_visibility(1.0, 1.0, a, b))
+    decorrelation = surface.ginneken(vx, vy, lx, ly)
+    if code == surface.DIRECTION:
+        return float(surface.direction_visibility(1.0, 1.0, a, b, decorrelation))
+    return float(surface.height_direction_visibility(1.0, 1.0, a, b, decorrelation))
+
+
+_joints: Any = np.vectorize(_joint, otypes=[np.float64])
+
+
 class Phong(Distribution):
     """Blinn's distribution with the exponent 2/alpha² - 2, anisotropic as Ashikhmin and Shirley's.
 
@@ -67,7 +84,9 @@ class Phong(Distribution):
     def G1(self, w: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
         if choice("masking", masking, MASKINGS) != surface.SMITH:
             return super().G1(w, m, masking)
-        facing = (directions("w", w) * directions("m", m)).sum(axis=-1) > 0.0
+        direction, normal = directions("w", w), directions("m", m)
+        check_unit("m", normal)
+        facing = (direction * normal).sum(axis=-1) > 0.0
         return np.where(facing, 1.0 / (1.0 + self.Lambda(w)), 0.0)
 
     def G2(
@@ -81,12 +100,14 @@ class Phong(Distribution):
         if choice("masking", masking, MASKINGS) != surface.SMITH:
             return super().G2(v, l, m, masking, correlation)
         code = choice("correlation", correlation, CORRELATIONS)
-        if code not in (surface.HEIGHT, surface.SEPARABLE):
-            raise ValueError("Phong's Smith masking knows the correlations 'height' and 'separable' only")
-        first, second = self.G1(v, m), self.G1(l, m)
-        with np.errstate(divide="ignore"):
-            joint = 1.0 / (1.0 / first + 1.0 / second - 1.0)
-        return first * second if code == surface.SEPARABLE else np.asarray(joint)
+        view, light, normal = directions("v", v), directions("l", l), directions("m", m)
+        across = light[..., 2] < 0.0
+        turned = np.where(across[..., np.newaxis], -light, light)
+        first, second = self.G1(view, normal), self.G1(turned, normal)
+        both = (first > 0.0) & (second > 0.0)
+        one, other = 1.0 / np.where(both, first, 1.0), 1.0 / np.where(both, second, 1.0)
+        value = _joints(code, one, other, view[..., 0], view[..., 1], light[..., 0], light[..., 1], across)
+        return np.where(both, value, 0.0)
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
         if choice("masking", masking, MASKINGS) != surface.SMITH:
@@ -94,7 +115,7 @@ class Phong(Distribution):
         view, uniforms = directions("v", v), sampling_uniforms(u, 2)
         check_unit("v", view)
         if not (view[..., 2] > 0.0).all():
-            raise ValueError("v must be above the surface where Phong's visible normals are sampled")
+            raise ValueError("v must be above the surface whose visible normals are sampled")
         try:
             (normals,), _ = run(DRAW_VISIBLE, [view, uniforms, self._alpha], [], [3])
         except ValueError as error:
@@ -106,4 +127,6 @@ class Phong(Distribution):
             return super().pdf_visible(v, m, masking)
         view = directions("v", v)
         seen = np.maximum((view * directions("m", m)).sum(axis=-1), 0.0)
-        return np.asarray(self.G1(view, m) * seen * self.D(m) / view[..., 2])
+        above = view[..., 2] > 0.0
+        cosine = np.where(above, view[..., 2], 1.0)
+        return np.where(above, self.G1(view, m) * seen * self.D(m) / cosine, 0.0)

@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import warnings
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -11,8 +12,9 @@ import pytest
 from click.testing import CliRunner
 from rich.console import Console
 
+from mrm_nodes import cli
 from mrm_nodes.commands.regress import regress
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression import run
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.compare import Figures
@@ -244,6 +246,49 @@ def test_junit_and_json_are_written_where_they_are_asked_for(monkeypatch, tmp_pa
     assert result.return_value == 1
     assert len(parsed(junit.read_text("utf-8")).findall("testsuite/testcase")) == 6
     assert json.loads(copy.read_text()) == told
+
+
+def test_a_run_that_is_ended_writes_them_too(monkeypatch, tmp_path):
+    told = report("pass", "skipped", partial="it was interrupted")
+
+    def ended(*given, on_partial, **others):
+        on_partial(told)
+        raise KeyboardInterrupt
+
+    junit, copy = tmp_path / "junit.xml", tmp_path / "copy.json"
+    monkeypatch.setattr(run, "run_suite", ended)
+    with pytest.raises(SystemExit, match="130"):
+        cli.main(
+            ["regress", "--no-cache", "--configurations", "0", "--junit", str(junit), "--json", str(copy)]
+        )
+    (suite, other) = parsed(junit.read_text("utf-8"))
+    assert suite.find("properties/property[@name='partial']").get("value") == "it was interrupted"
+    assert other.get("skipped") == "1"
+    assert json.loads(copy.read_text()) == told
+
+
+def test_files_of_an_earlier_run_are_gone_when_one_begins(monkeypatch, tmp_path):
+    """After kill -9 they would be taken for its own."""
+    files = [tmp_path / "junit.xml", tmp_path / "copy.json"]
+    for file in files:
+        file.write_text("earlier")
+    monkeypatch.setattr(run, "run_suite", lambda *given, **others: seen.extend(map(Path.exists, files)))
+    seen = []
+    arguments = ["--no-cache", "--configurations", "0", "--junit", str(files[0]), "--json", str(files[1])]
+    CliRunner().invoke(regress, arguments, standalone_mode=False)
+    assert seen == [False, False]
+
+
+def test_a_warning_that_comes_from_several_places_is_one_line(monkeypatch, tmp_path, capsys):
+    def warning(*given, **others):
+        for level in (1, 2, 1):
+            warnings.warn(f"{tmp_path}: the mesh has no normals", MrmWarning, stacklevel=level)
+        return report("pass")
+
+    monkeypatch.setattr(run, "run_suite", warning)
+    with pytest.raises(SystemExit, match="0"):
+        cli.main(["regress", "--no-cache", "--configurations", "0"])
+    assert capsys.readouterr().err == f"warning: {tmp_path}: the mesh has no normals\n"
 
 
 def test_json_on_stdout_is_alone_there(monkeypatch):

@@ -155,6 +155,21 @@ def test_what_is_known_needs_no_evaluator():
     subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)
 
 
+def test_a_run_that_is_interrupted_as_it_writes_its_report_has_one(judges, suite, folder, monkeypatch):
+    def write_once(*arguments):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    partial = []
+    monkeypatch.setattr(run._Run, "report", write_once)
+    with pytest.raises(KeyboardInterrupt):
+        run_suite(suite, folder, on_partial=partial.append)
+    report = json.loads((folder / "report.json").read_text())
+    assert partial == [report]
+    assert report["environment"]["partial"] == "it was interrupted"
+    assert report["summary"]["passed"] == 5
+
+
 def test_a_line_that_a_kill_tore_off_is_no_result(judges, suite, folder):
     run_suite(suite, folder)
     file = folder / journal.NAME

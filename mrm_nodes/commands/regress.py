@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import click
 
 from mrm_nodes.commands.options import external_option
-from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.errors import MrmError
 
 FAILED = 1
 """Exit status where a comparison failed or ended in an error."""
@@ -142,8 +141,7 @@ def regress(
     from mrm_nodes.regression import cache, cluster, suites, terminal
     from mrm_nodes.regression.run import run_suite
 
-    # Reading a suite and each of its workers may have the same to say.
-    warnings.simplefilter("once", MrmWarning)
+    click.get_current_context().with_resource(terminal.each_warning_once())
     _prepare(folder, json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
     known = None if no_cache else cache.Cache(cache_folder or cache.default_folder())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -57,6 +58,23 @@ def progress(console: Console | None = None) -> Iterator[Callable[[Outcome, int,
                 )
 
         yield show
+
+
+@contextmanager
+def each_warning_once() -> Iterator[None]:
+    """Show a warning once for as long as the block lasts: reading a suite and each worker may have the same to say."""
+    show, shown = warnings.showwarning, set[str]()
+
+    def show_once(message: Warning | str, *others: Any, **more: Any) -> None:
+        if str(message) not in shown:
+            shown.add(str(message))
+            show(message, *others, **more)
+
+    warnings.showwarning = show_once
+    try:
+        yield
+    finally:
+        warnings.showwarning = show
 
 
 def _why(outcome: Outcome) -> str:

@@ -1,5 +1,6 @@
 """The lobes: reciprocity, energy, limits, and what they refuse."""
 
+import functools
 import math
 
 import numpy as np
@@ -8,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrm_nodes import reference as ref
+from mrm_nodes.reference.diffuse import fujii_albedo
 
 TURN = np.array([-1.0, -1.0, 1.0])
 
@@ -63,18 +65,19 @@ def index_of(lobe):
 def test_reciprocity_in_random_frames(distribution, masking, correlation):
     """f(v, l) / ηv² = f(l, v) / ηl² to rounding, forward, retro and blended (001 eqs. 11, 16 and 17)."""
     rng = np.random.default_rng(3)
-    count = 4000
+    count = 2000
     frame = frames(rng, count)
     v, l = directions(rng, count, (1, -1)), directions(rng, count, (1, -1))  # noqa: E741
     # Through the world and back, as a renderer's directions come.
     v = np.einsum("nij,nj->ni", frame, np.einsum("nji,nj->ni", frame, v))
     l = np.einsum("nij,nj->ni", frame, np.einsum("nji,nj->ni", frame, l))  # noqa: E741
     for retro in (0.0, 0.35, 1.0):
-        for mode in ("R", "RT"):
-            skew = 0.0 if distribution == "phong" else 0.4
+        for mode, skew, alpha in (("R", 0.0, (0.5, 0.2)), ("RT", 0.0, (0.08, 0.08)), ("RT", 0.4, (0.5, 0.2))):
+            if distribution == "phong" and skew:
+                continue
             for lobe in everything(
                 mode,
-                alpha=(0.5, 0.2),
+                alpha=alpha,
                 retroreflectivity=retro,
                 distribution=distribution,
                 masking=masking,
@@ -291,7 +294,7 @@ def test_a_conductor_is_black_from_inside():
 
 unit = st.floats(0.0, 1.0)
 azimuths = st.floats(0.0, 2.0 * math.pi)
-cosines = st.one_of(st.floats(1e-9, 1.0), st.sampled_from([1e-9, 1e-4, 1.0]))
+cosines = st.one_of(st.floats(0.0, 1.0), st.sampled_from([0.0, 1e-9, 1e-4, 1.0]))
 alphas = st.one_of(st.floats(1e-3, 1.0), st.sampled_from([1e-3, 1.0]))
 indices = st.one_of(st.floats(0.4, 3.0), st.sampled_from([1.0, 1.0000001, 0.5]))
 shares = st.one_of(unit, st.sampled_from([0.0, 1.0]))
@@ -303,7 +306,8 @@ shares = st.one_of(unit, st.sampled_from([0.0, 1.0]))
     side_l=st.sampled_from([1, -1]), ax=alphas, ay=alphas, index=indices, k=st.sampled_from([0.0, 0.5, 8.0]),
     share=shares, pair=st.sampled_from(MASKS), correlation=st.sampled_from(CORRELATIONS),
     mode=st.sampled_from(["R", "T", "RT"]), turned=st.booleans(), film=st.sampled_from([0.0, 0.0, 250.0]),
-    u=st.tuples(unit, unit, unit),
+    exponent=st.sampled_from([5.0, 0.0, 2.5]), mean=st.sampled_from([0.0, 0.0, (0.3, -0.2)]),
+    scheme=st.sampled_from([None, None, "materialx-1.39.5", "materialx-1.39.6"]), u=st.tuples(unit, unit, unit),
 )  # fmt: skip
 def test_everything_is_finite_and_not_negative(
     cos_v,
@@ -322,6 +326,9 @@ def test_everything_is_finite_and_not_negative(
     mode,
     turned,
     film,
+    exponent,
+    mean,
+    scheme,
     u,
 ):
     def place(cos, phi, side):
@@ -331,12 +338,16 @@ def test_everything_is_finite_and_not_negative(
     v, l = place(cos_v, phi_v, side_v), place(cos_l, phi_l, side_l)  # noqa: E741
     common = {
         "alpha": (ax, ay), "retroreflectivity": share, "distribution": pair[0], "masking": pair[1],
-        "correlation": correlation, "thinfilm_thickness": film,
+        "correlation": correlation, "thinfilm_thickness": film, "energy_compensation": scheme,
     }  # fmt: skip
+    if np.any(mean) and pair[1] == "smith":
+        common |= {"mean_slope": mean, "slope_correlation": 0.5, "retroreflectivity": 0.0}
     for lobe in (
         ref.Conductor(index, k, **common),
         ref.Dielectric(index, scatter_mode=mode, retro_transmission=turned, **common),
-        ref.GeneralizedSchlick(0.2, 0.0, scatter_mode=mode, retro_transmission=turned, **common),
+        ref.GeneralizedSchlick(
+            0.2, 0.0, 1.0, exponent, scatter_mode=mode, retro_transmission=turned, **common
+        ),
     ):
         value, density = lobe.eval(v, l), lobe.pdf(v, l)
         assert np.isfinite(value).all() and (value >= 0.0).all()
@@ -516,13 +527,70 @@ def test_large_inputs_that_have_no_flat_view_are_worked_in_pieces():
     np.testing.assert_allclose(value[picked], lobe.eval(v[picked[0], 0], l[picked[1]]), rtol=1e-14)
 
 
+def of_roughness(model, rho, v, l):  # noqa: E741
+    return model(rho, 0.5, v, l)
+
+
 def test_eon_keeps_all_energy_and_is_lambert_when_smooth():
-    v = np.array([0.6, 0.0, 0.8])
     over = Hemisphere(cosines=128, azimuths=512)
-    total = (ref.eon(1.0, 0.8, v, over.l) * over.weight[..., None]).sum(axis=(0, 1))
-    np.testing.assert_allclose(total, 1.0, atol=1e-4)
+    for v in (V, np.array([0.0, 0.1, math.sqrt(0.99)]), np.array([0.99, 0.0, math.sqrt(1.0 - 0.99**2)])):
+        for roughness in (0.3, 0.8, 1.0):
+            total = (ref.eon(1.0, roughness, v, over.l) * over.weight[..., None]).sum(axis=(0, 1))
+            np.testing.assert_allclose(total, 1.0, atol=2e-4)
+    v = np.array([0.6, 0.0, 0.8])
     np.testing.assert_allclose(ref.eon(0.5, 0.0, v, over.l), ref.lambert(0.5, v, over.l), rtol=1e-12)
-    np.testing.assert_allclose(ref.eon(0.5, 0.7, v, V), ref.eon(0.5, 0.7, V, v), rtol=1e-12)
+    l = np.array([-0.48, 0.6, 0.64])  # noqa: E741
+    np.testing.assert_allclose(ref.eon(0.5, 0.7, v, l), ref.eon(0.5, 0.7, l, v), rtol=1e-12)
+    for diffuse in (
+        ref.lambert,
+        functools.partial(of_roughness, ref.eon),
+        functools.partial(of_roughness, ref.oren_nayar),
+    ):
+        assert not diffuse(0.5, v, -l).any()
+        assert not diffuse(0.5, -v, l).any()
+
+
+def test_eons_lost_energy_is_that_of_its_single_scattering():
+    """Its directional and average albedo by quadrature; at grazing view angles nothing is lost (Fujii's C1)."""
+    over = Hemisphere(cosines=128, azimuths=512)
+    x, w = np.polynomial.legendre.leggauss(64)
+    mu = 0.5 * (x + 1.0)
+    for roughness in (0.4, 1.0):
+        # Of a black facet light scatters once: the slope of f at albedo 0.
+        def single(v, roughness=roughness):
+            return ref.eon(1e-7, roughness, v, over.l) / 1e-7
+
+        for cosine in (0.2, 0.8):
+            v = np.array([math.sqrt(1.0 - cosine**2), 0.0, cosine])
+            total = (single(v) * over.weight[..., None]).sum(axis=(0, 1))
+            np.testing.assert_allclose(total, fujii_albedo(cosine, roughness), atol=2e-4)
+        assert fujii_albedo(1e-9, roughness) == pytest.approx(1.0, abs=1e-6)
+        average = (fujii_albedo(mu, roughness) * mu * w).sum()
+        # What is put back keeps facets of albedo ρ to ρ² E / (1 - ρ (1 - E)) of the loss, over the whole hemisphere.
+        rho, v = 0.6, np.array([0.6, 0.0, 0.8])
+        back = (ref.eon(rho, roughness, v, over.l) - rho * single(v)) * over.weight[..., None]
+        lost = 1.0 - fujii_albedo(0.8, roughness)
+        expected = rho**2 * average / (1.0 - rho * (1.0 - average)) * lost
+        np.testing.assert_allclose(back.sum(axis=(0, 1)), expected, atol=1e-5)
+
+
+def test_the_qualitative_oren_nayar_is_that_of_1994():
+    """f = ρ/π (A + B max(0, cos Δφ) sin α tan β), σ² in A and B (Oren and Nayar 1994, eq. 30)."""
+    sigma, rho = 0.6, 0.7
+    a, b = 1.0 - 0.5 * sigma**2 / (sigma**2 + 0.33), 0.45 * sigma**2 / (sigma**2 + 0.09)
+    for theta_v, theta_l, phi in ((0.9, 0.4, 0.3), (0.2, 0.7, 1.0), (1.1, 0.5, 0.0), (0.6, 0.5, 2.9)):
+        v = np.array([math.sin(theta_v), 0.0, math.cos(theta_v)])
+        l = np.array(  # noqa: E741
+            [math.sin(theta_l) * math.cos(phi), math.sin(theta_l) * math.sin(phi), math.cos(theta_l)]
+        )
+        tilt = max(0.0, math.cos(phi)) * math.sin(max(theta_v, theta_l)) * math.tan(min(theta_v, theta_l))
+        assert ref.oren_nayar(rho, sigma, v, l) == pytest.approx(rho / math.pi * (a + b * tilt), rel=1e-12)
+        # MaterialX's energy-preserving one is EON, where v.l is not kept from being negative.
+        np.testing.assert_allclose(
+            ref.oren_nayar(rho, sigma, v, l, True), ref.eon(rho, sigma, v, l), rtol=1e-9
+        )
+    away, back = np.array([0.96, 0.0, 0.28]), np.array([-0.96, 0.0, 0.28])
+    assert (ref.oren_nayar(0.5, 0.8, away, back, True) > ref.eon(0.5, 0.8, away, back)).all()
 
 
 def test_layers_do_what_materialx_says():
@@ -544,6 +612,14 @@ def test_layers_do_what_materialx_says():
     np.testing.assert_allclose(added.throughput(v, l), 2.0 * through - 1.0, rtol=1e-14)
     assert not ref.Add(coat, metal).throughput(v, l).any()
     np.testing.assert_allclose(ref.Multiply(base, 2.0).eval(v, l), base.eval(v, l), rtol=1e-14)
+    # A factor dims a layer and lets no more through; a layer over a layer lets through what both do.
+    np.testing.assert_allclose(ref.Multiply(coat, 0.5).eval(v, l), 0.5 * coat.eval(v, l), rtol=1e-14)
+    np.testing.assert_allclose(ref.Multiply(coat, 0.5).throughput(v, l), through, rtol=1e-14)
+    np.testing.assert_allclose(ref.Layer(coat, coat).throughput(v, l), through**2, rtol=1e-14)
+    # A weight is taken off the response and off the albedo that throughput is 1 less of.
+    full = ref.Leaf(coat.lobe)
+    np.testing.assert_allclose(coat.eval(v, l), 0.7 * full.eval(v, l), rtol=1e-14)
+    np.testing.assert_allclose(1.0 - through, 0.7 * (1.0 - full.throughput(v, l)), rtol=1e-13)
 
 
 def test_throughput_is_the_blend_of_both_lobes():
@@ -557,3 +633,81 @@ def test_throughput_is_the_blend_of_both_lobes():
     np.testing.assert_allclose(make(0.3).throughput(v, l), 0.7 * forward + 0.3 * retro, rtol=1e-12)
     np.testing.assert_allclose(retro, make(0.0).throughput(v * TURN, l), rtol=1e-12)
     assert np.ptp(forward) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_throughput_is_what_the_lobe_does_not_reflect():
+    """MaterialX's split sum against the lobe's albedo, to its fit's error; nothing where nothing is reflected."""
+    for cosine in (0.3, 0.6, 1.0):
+        v = np.array([math.sqrt(1.0 - cosine**2), 0.0, cosine])
+        for lobe in (
+            ref.Dielectric(1.5, 0.3),
+            ref.Dielectric(1.8, 0.6),
+            ref.GeneralizedSchlick(0.1, alpha=0.3),
+        ):
+            np.testing.assert_allclose(lobe.throughput(v), 1.0 - lobe.albedo(v), atol=0.02)
+    assert (ref.Dielectric(1.5, 0.3, scatter_mode="T").throughput(V) == 1.0).all()
+    # Without a light 1.39.5 takes F at v.n, which at normal incidence is the light's own there.
+    up = np.array([0.0, 0.0, 1.0])
+    lobe = ref.Dielectric(1.5, 0.8, energy_compensation="materialx-1.39.5")
+    np.testing.assert_allclose(lobe.throughput(up), lobe.throughput(up, up), rtol=1e-13)
+    assert (np.abs(lobe.throughput(V) - lobe.throughput(V, V * TURN)) < 1e-3).all()
+    assert (
+        lobe.throughput(up, np.array([0.999, 0.0, math.sqrt(1.0 - 0.999**2)])) < lobe.throughput(up)
+    ).all()
+
+
+def test_a_tinted_schlick_lobe_is_never_negative():
+    """At color82 = 0 the curve dips below 0 just past cos 1/7, whatever the exponent."""
+    cosine = np.linspace(0.1, 0.2, 50)
+    v = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(50), cosine], axis=-1)
+    for exponent in (4.0, 5.0):
+        lobe = ref.GeneralizedSchlick(0.19, 0.0, exponent=exponent, alpha=0.2)
+        value = lobe.eval(v, v * [-1.0, 1.0, 1.0])
+        assert (value >= 0.0).all() and (value == 0.0).any()
+
+
+@pytest.mark.parametrize(("f0", "index"), [(0.04, 1.5), (0.0, 11.0 / 9.0), (1.0, None), (0.02, None)])
+def test_a_schlick_lobe_refracts_with_the_index_of_its_normal_reflectance(f0, index):
+    """((n - 1) / (n + 1))² = F0, kept to [0.01, 0.99] as in MaterialX; Snell's law for what a smooth one draws."""
+    if index is None:
+        root = math.sqrt(min(max(f0, 0.01), 0.99))
+        index = (1.0 + root) / (1.0 - root)
+    lobe = ref.GeneralizedSchlick(f0, alpha=1e-7, scatter_mode="T")
+    for v in (V, np.array([1e-3, 0.0, -math.sqrt(1.0 - 1e-6)])):
+        drawn = lobe.sample(v, (0.5, 0.5, 0.5))
+        ratio = 1.0 / index if v[2] > 0.0 else index
+        assert drawn.l[0] == pytest.approx(-ratio * v[0], abs=2e-4)
+
+
+def test_a_delta_is_tinted_and_shared():
+    """What goes straight on at index 1, tinted, and by the blend's share where transmission is turned as well."""
+    tint = np.array([0.5, 0.2, 0.9])
+    lobe = ref.Dielectric(1.0, 0.6, tint, "T", retro_transmission=True, retroreflectivity=0.3)
+    drawn = lobe.sample(np.tile(V, (2000, 1)), np.random.default_rng(3).random((2000, 3)))
+    np.testing.assert_allclose(drawn.weight.mean(axis=0), lobe.albedo(V), rtol=0.03)
+    turned = drawn.l[:, 0] > 0.0
+    assert turned.mean() == pytest.approx(0.3, abs=0.05)
+    np.testing.assert_allclose(drawn.pdf, np.where(turned, 0.3, 0.7), rtol=1e-12)
+    near = ref.Dielectric(1.0, 0.6, scatter_mode="RT").eval(V, -V * [1.0, 0.9, 1.0])
+    assert not near.any()
+
+
+def test_a_smooth_lobe_is_a_mirror_and_snells_law():
+    """The limit of alpha to 0: weights are Fresnel's terms, directions those of geometry; k = 0 is a dielectric."""
+    u = (0.3, 0.6, 0.2)
+    mirror = ref.Conductor((0.2, 0.9, 1.1), (3.9, 2.4, 2.2), 1e-4)
+    drawn = mirror.sample(V, u)
+    np.testing.assert_allclose(drawn.l, V * TURN, atol=1e-3)
+    expected = [ref.fresnel_conductor(V[2], n, k) for n, k in ((0.2, 3.9), (0.9, 2.4), (1.1, 2.2))]
+    np.testing.assert_allclose(drawn.weight, expected, rtol=1e-3)
+    np.testing.assert_allclose(mirror.albedo(V), expected, rtol=1e-3)
+    clear = ref.Dielectric(1.5, 1e-4, scatter_mode="T").sample(V, u)
+    np.testing.assert_allclose(clear.l[:2], -V[:2] / 1.5, atol=1e-3)
+    # As radiance, what enters glass is 1.5² times as dense.
+    through = 1.0 - ref.fresnel_dielectric(V[2], 1.5)
+    np.testing.assert_allclose(clear.weight, through / 1.5**2, rtol=1e-3)
+    rng = np.random.default_rng(4)
+    v, l = directions(rng, 200), directions(rng, 200)  # noqa: E741
+    np.testing.assert_allclose(
+        ref.Conductor(1.5, 0.0, 0.3).eval(v, l), ref.Dielectric(1.5, 0.3).eval(v, l), rtol=1e-9, atol=1e-15
+    )

@@ -84,6 +84,56 @@ def test_white_furnace(distribution, masking, shape, theta):
     assert visible_total(distribution, shape, theta, masking) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.parametrize("masking", ["smith", "vcavity"])
+@pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann, ref.Phong])
+def test_white_furnace_anywhere(distribution, masking):
+    """Alpha from 0.05 to 1 up to 4:1, θ from 0° to 89° and any azimuth, the ends among them."""
+    rng = np.random.default_rng(11)
+    for ax, ay, theta in [(0.05, 0.2, 89.0), (1.0, 0.25, 89.0), (1.0, 1.0, 0.0)] + [
+        (*np.clip(ratio * width, 0.05, 1.0), theta)
+        for width, ratio, theta in zip(
+            np.exp(rng.uniform(math.log(0.05), 0.0, 5)),
+            np.stack([np.ones(5), 2.0 ** rng.uniform(-2.0, 2.0, 5)], axis=-1),
+            rng.uniform(0.0, 89.0, 5),
+            strict=True,
+        )
+    ]:
+        v = direction(theta, rng.uniform(0.0, 2.0 * math.pi))
+        # Phong of alpha 1 ends in a corner at the horizon, which takes many radii.
+        over = OverNormals(v, ax, ay, azimuths=96, radii=160 if distribution is ref.Phong else 48)
+        total = over(distribution(ax, ay).pdf_visible(v, over.normals, masking))
+        assert total == pytest.approx(1.0, abs=1e-6), (ax, ay, theta)
+
+
+@pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann])
+def test_white_furnace_of_correlated_vcavities(distribution):
+    """Correlated slopes keep D(m) = D(Rm), which is all that a cavity asks."""
+    for theta in THETAS:
+        shape = {"ax": 0.6, "ay": 0.2, "slope_correlation": 0.7}
+        assert visible_total(distribution, shape, theta, "vcavity") == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("masking", ["smith", "vcavity"])
+@pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann, ref.Phong])
+def test_white_furnace_over_lights(distribution, masking):
+    """Eq. 36 as it is printed: ∫ G1(v, h) D(h) / (4 v.n) dl over the whole sphere."""
+    v, d = direction(40.0, 0.3), distribution(0.8)
+    x, w = np.polynomial.legendre.leggauss(400)
+    cos, phi = x, np.arange(512) * 2.0 * np.pi / 512
+    # Around the mirror of v, where normals are v itself: the integrand is smooth but for the horizon of normals.
+    sin = np.sqrt(1.0 - cos**2)
+    local = np.stack(
+        np.broadcast_arrays(sin[:, None] * np.cos(phi), sin[:, None] * np.sin(phi), cos[:, None]), -1
+    )
+    across = np.cross(v, [0.0, 0.0, 1.0])
+    across /= np.linalg.norm(across)
+    l = local @ np.stack([across, np.cross(v, across), v])  # noqa: E741
+    h = v + l
+    h /= np.linalg.norm(h, axis=-1, keepdims=True)
+    value = np.where(h[..., 2] > 0.0, d.G1(v, h, masking) * d.D(h) / (4.0 * v[2]), 0.0)
+    assert (value * w[:, None]).sum() * 2.0 * np.pi / 512 == pytest.approx(1.0, abs=2e-4)
+
+
 @pytest.mark.parametrize("theta", THETAS)
 @pytest.mark.parametrize("shape", SKEWED)
 @pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann])
@@ -199,6 +249,21 @@ def test_beckmanns_rational_lambda_is_close_to_the_exact_one():
     assert 1e-5 < np.abs(exact - fit).max() < 5e-3
 
 
+@pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann, ref.Phong])
+def test_masking_has_its_limits(distribution):
+    """Nothing is hidden at normal incidence or on a smooth surface; everything is from the horizon."""
+    up, low = np.array([0.0, 0.0, 1.0]), direction(80.0)
+    assert distribution(0.7, 0.3).Lambda(up) == pytest.approx(0.0, abs=1e-15)
+    assert distribution(1e-3).Lambda(low) == pytest.approx(0.0, abs=1e-4)
+    for masking in ("smith", "vcavity"):
+        assert distribution(0.7).G1(up, up, masking) == 1.0
+        assert distribution(0.7).G1([1.0, 0.0, 0.0], up, masking) == 0.0
+        assert distribution(0.7).pdf_visible([1.0, 0.0, 0.0], up, masking) == 0.0
+    # D at its peak; and facets below the horizon there are none.
+    assert distribution(0.2, 0.5).D(up) == pytest.approx(1.0 / (np.pi * 0.1), rel=1e-12)
+    assert distribution(0.2).D(-up) == 0.0
+
+
 @pytest.mark.parametrize("distribution", [ref.GGX, ref.Beckmann])
 def test_four_masking_shadowing_functions_keep_their_order_and_limits(distribution):
     """Separable shadows most, full correlation is min(G1, G1), and van Ginneken's λ lies between (eqs.
@@ -278,6 +343,18 @@ def test_visible_normals_are_drawn_with_their_density(distribution, masking):
             drawn = value(m)
             error = drawn.std() / math.sqrt(len(drawn))
             assert drawn.mean() == pytest.approx(over(density * value(over.normals)), abs=4.0 * error)
+
+
+def test_phongs_visible_normals_do_not_depend_on_the_order_of_views():
+    """What is tabulated for one view and width serves no other."""
+    rng = np.random.default_rng(8)
+    v = np.stack(
+        [direction(t, p) for t, p in ((70.0, 0.1), (70.0, 0.1), (10.0, 0.1), (70.0, 2.0), (70.0, 2.0))]
+    )
+    ax, ay, u = np.array([0.5, 0.2, 0.2, 0.2, 0.6]), np.array([0.3, 0.3, 0.3, 0.4, 0.4]), rng.random((5, 2))
+    together = ref.Phong(ax, ay).sample_visible(v, u)
+    alone = [ref.Phong(ax[k], ay[k]).sample_visible(v[k], u[k]) for k in range(5)]
+    np.testing.assert_array_equal(together, alone)
 
 
 @pytest.mark.parametrize("masking", ["smith", "vcavity", "implicit"])

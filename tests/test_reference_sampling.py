@@ -89,6 +89,9 @@ def lobes():
             glass = ref.Dielectric(1.5, (0.4, 0.3), scatter_mode="RT", **retro)
             yield case(f"{name}-glass", glass, OUTSIDE)
             yield case(f"{name}-glass from inside", glass, INSIDE)
+            tape = ref.GeneralizedSchlick(**SCHLICK, exponent=4.0, scatter_mode="RT", **retro)
+            yield case(f"{name}-schlick", tape, OUTSIDE)
+            yield case(f"{name}-schlick from inside", tape, INSIDE)
         both = common | {"retroreflectivity": 0.4, "retro_transmission": True}
         yield case(
             f"{distribution}-{masking}-both turned",
@@ -109,9 +112,12 @@ def lobes():
             f"{distribution}-shifted-through", ref.Dielectric(1.5, 0.4, scatter_mode="T", **skew), INSIDE
         )
     yield case("air in glass", ref.Dielectric(0.67, 0.4, scatter_mode="RT", retroreflectivity=0.3), OUTSIDE)
-    yield case(
-        "schlick through", ref.GeneralizedSchlick((0.3, 0.2, 0.1), alpha=0.4, scatter_mode="RT"), INSIDE
-    )
+    for correlation in ("separable", "direction", "height_direction"):
+        common = {"correlation": correlation, "scatter_mode": "RT", "retroreflectivity": 0.4}
+        for v in (OUTSIDE, INSIDE):
+            yield case(f"{correlation}-{v[2]}", ref.Dielectric(1.5, (0.5, 0.3), **common), v)
+    for masking in ("implicit", "schlick-smith", "kelemen"):
+        yield case(masking, ref.Conductor(0.2, 3.9, (0.5, 0.3), masking=masking), OUTSIDE)
     yield case("film", ref.Dielectric(1.5, 0.4, scatter_mode="RT", thinfilm_thickness=400.0), OUTSIDE)
     rough = {"alpha": (0.9, 0.2), "slope_correlation": 0.3, "energy_compensation": "kulla-conty"}
     yield case("kulla-conty, anisotropic", ref.Conductor(0.2, 3.9, retroreflectivity=0.4, **rough), OUTSIDE)
@@ -132,13 +138,42 @@ def test_samples_follow_the_density_and_average_to_the_albedo(bsdf, v):
     sample = test.sample
     eta = float(np.ravel(bsdf._parameters[2])[0]) if isinstance(bsdf, ref.Dielectric) else 1.0
     if isinstance(bsdf, ref.GeneralizedSchlick):
-        eta = (1.0 + math.sqrt(0.2)) / (1.0 - math.sqrt(0.2))
+        f0 = math.sqrt(sum(SCHLICK["color0"]) / 3.0)
+        eta = (1.0 + f0) / (1.0 - f0)
     # A radiance weight times eta_l² / eta_v² is a share of energy.
     through = sample.l[:, 2] * v[2] < 0.0
     factor = np.where(through, eta**2 if v[2] > 0.0 else eta**-2, 1.0)
     energy = sample.weight * factor[:, None]
     error = energy.std(axis=0) / math.sqrt(len(energy))
     assert (np.abs(energy.mean(axis=0) - bsdf.albedo(v)) <= 4.5 * error + 3e-4).all()
+
+
+@pytest.mark.parametrize("correlation", ["height", "separable", "direction", "height_direction"])
+@pytest.mark.parametrize(
+    ("distribution", "masking"),
+    [
+        ("ggx", "smith"),
+        ("beckmann", "smith"),
+        ("ggx", "vcavity"),
+        ("beckmann", "vcavity"),
+        ("phong", "vcavity"),
+    ],
+)
+def test_no_sample_weighs_more_than_1(distribution, masking, correlation):
+    """F G2 / G1 over the chance of the choice, in energy: with the chi-square tests no energy can be made."""
+    rng = np.random.default_rng(3)
+    z = rng.uniform(-1.0, 1.0, 4000)
+    phi, alpha = rng.uniform(0.0, 2.0 * math.pi, 4000), np.exp(rng.uniform(math.log(1e-3), 0.0, (4000, 2)))
+    v = np.stack([np.sqrt(1.0 - z**2) * np.cos(phi), np.sqrt(1.0 - z**2) * np.sin(phi), z], axis=-1)
+    common = {"distribution": distribution, "masking": masking, "correlation": correlation}
+    white = ref.GeneralizedSchlick(1.0, alpha=alpha, retroreflectivity=0.5, **common)
+    assert white.sample(v, rng.random((4000, 3))).weight.max() <= 1.0 + 1e-9
+    glass = ref.Dielectric(1.5, alpha, scatter_mode="RT", retroreflectivity=0.5, **common)
+    drawn = glass.sample(v, rng.random((4000, 3)))
+    energy = (
+        np.where(drawn.l[:, 2] * z < 0.0, np.where(z > 0.0, 1.5**2, 1.5**-2), 1.0)[:, None] * drawn.weight
+    )
+    assert energy.max() <= 1.0 + 1e-9
 
 
 class VisibleNormals:

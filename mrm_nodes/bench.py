@@ -134,12 +134,17 @@ def _frame_times(
 ) -> dict[str, float]:
     """Return the median milliseconds of each shader's frame."""
     ctx = context.ctx
-    target = ctx.framebuffer([ctx.texture((size, size), 4, dtype="f4")], ctx.depth_renderbuffer((size, size)))
+    made: list[Any] = []
+    picture, depth = ctx.texture((size, size), 4, dtype="f4"), ctx.depth_renderbuffer((size, size))
+    target = ctx.framebuffer([picture], depth)
     target.use()
     ctx.enable_only(moderngl.DEPTH_TEST)
     textures = EnvironmentTextures.upload(context, studio())
     black = ctx.texture((1, 1), 3, np.zeros(3, np.float32), alignment=1, dtype="f4")
-    arrays = {subject: _patch_array(ctx, shader, light, textures) for subject, shader in shaders.items()}
+    made += [target, picture, depth, textures, black]
+    arrays = {
+        subject: _patch_array(ctx, shader, light, textures, made) for subject, shader in shaders.items()
+    }
     (textures.radiance if LIGHTS[light][1] else black).use(0)
     software = "llvmpipe" in context.renderer.lower() or "softpipe" in context.renderer.lower()
     times: dict[str, list[float]] = {subject: [] for subject in shaders}
@@ -161,18 +166,18 @@ def _frame_times(
             # The first frames compile.
             if number >= 2:
                 times[subject].append(1e3 * taken)
-    for array in arrays.values():
-        array.release()
-    target.release()
-    black.release()
-    textures.release()
+    for item in made:
+        item.release()
     return {subject: statistics.median(values) for subject, values in times.items()}
 
 
 def _patch_array(
-    ctx: moderngl.Context, shader: Shader, light: str, textures: EnvironmentTextures
+    ctx: moderngl.Context, shader: Shader, light: str, textures: EnvironmentTextures, made: list[Any]
 ) -> moderngl.VertexArray:
-    """Return a slightly curved patch that fills the picture, lit by one directional light."""
+    """Return a slightly curved patch that fills the picture, lit by one directional light.
+
+    What has to be released goes into `made`.
+    """
     program = ctx.program(vertex_shader=shader.vertex, fragment_shader=shader.pixel)
     samples = LIGHTS[light][1]
     identity = tuple(np.eye(4).ravel().tolist())
@@ -210,7 +215,10 @@ def _patch_array(
     ]
     corner = (np.arange(_GRID)[:, None] * (_GRID + 1) + np.arange(_GRID)).ravel()
     quads = np.stack([corner, corner + 1, corner + _GRID + 2, corner, corner + _GRID + 2, corner + _GRID + 1])
-    return ctx.vertex_array(program, content, ctx.buffer(np.ascontiguousarray(quads.T, np.int32)))
+    indices = ctx.buffer(np.ascontiguousarray(quads.T, np.int32))
+    array = ctx.vertex_array(program, content, indices)
+    made += [array, indices, *(buffer for buffer, *_ in content), program]
+    return array
 
 
 def spirv_instructions(shader: Shader) -> int | None:

@@ -23,8 +23,11 @@ from mrm_nodes.surfaces.substitution import SWITCH
 #: What is measured: MaterialX's own, its mix of a plain and a retroreflective one, and ours at three weights.
 SUBJECTS = ("own", "mix", "ours 0", "ours 0.5", "ours 1")
 
+#: An input of a surface: a number, or a colour.
+Value = float | tuple[float, float, float]
+
 #: Inputs in place of the defaults: none, or so that every lobe is there.
-LOBES: dict[str, dict[str, dict[str, float]]] = {
+LOBES: dict[str, dict[str, dict[str, Value]]] = {
     "default": {},
     "every": {
         "open_pbr_surface": {
@@ -39,6 +42,7 @@ LOBES: dict[str, dict[str, dict[str, float]]] = {
             "metallic": 0.5,
             "transmission": 0.5,
             "clearcoat": 0.5,
+            "sheen_color": (0.5, 0.5, 0.5),
             "sheen_roughness": 0.5,
             "iridescence": 0.5,
         },
@@ -126,15 +130,15 @@ def _add_retroreflective(library: mx.Document, surface: Surface) -> None:
 
 
 def _shader(
-    library: mx.Document, surface: Surface, values: dict[str, float], subject: str, light: str, interface: str
+    library: mx.Document, surface: Surface, values: dict[str, Value], subject: str, light: str, interface: str
 ) -> Shader:
     document = mx.createDocument()
     document.setDataLibrary(library)
 
-    def add(category: str, **more: float) -> mx.Node:
+    def add(category: str, **more: Value) -> mx.Node:
         node = document.addNode(category, document.createValidChildName(category), "surfaceshader")
         for name, value in (values | more).items():
-            node.setInputValue(name, float(value))
+            node.setInputValue(name, mx.Color3(*value) if isinstance(value, tuple) else float(value))
         return node
 
     if subject == "own":

@@ -438,6 +438,36 @@ def test_an_acceptance_that_is_cut_short_leaves_the_old_baseline_or_the_new_one(
     assert (store.read("a") == 3.0).all()
 
 
+def test_an_acceptance_for_which_there_is_no_room_leaves_the_old_baseline_and_nothing_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    store = Store(tmp_path / "baselines")
+    store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+    before = stored(tmp_path)
+    for full in ("os.fsync", "mrm_nodes.regression.baseline.write_text"):
+        with monkeypatch.context() as patch:
+            patch.setattr(full, lambda *_: fill_disk())
+            with pytest.raises(MrmError, match="cannot be written: No space left on device"):
+                store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+        assert stored(tmp_path) == before
+
+
+def test_two_acceptances_that_are_cut_short_leave_the_first_one_s_image(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    store = Store(tmp_path / "baselines")
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", lambda *_: stop())
+        patch.setattr(baseline, "write_text", lambda path, text: path.write_text(text))
+        with pytest.raises(KeyboardInterrupt):
+            store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+    with monkeypatch.context() as patch:
+        patch.setattr("os.fsync", lambda *_: stop())
+        with pytest.raises(KeyboardInterrupt):
+            store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+    assert (store.read("a") == 1.0).all()
+
+
 def test_a_store_that_cannot_be_written_is_one_clear_error_and_stays_as_it_is(tmp_path: Path):
     (tmp_path / "baselines").write_text("a file in the way")
     with pytest.raises(MrmError, match="cannot be written"):

@@ -1,5 +1,6 @@
 """A run knows its backends, loses nothing that it came to, and does nothing twice."""
 
+import errno
 import json
 import signal
 import subprocess
@@ -258,6 +259,16 @@ def test_a_second_run_into_one_folder_is_refused(judges, suite, folder):
     assert run_suite(suite, folder)["summary"]["passed"] == 5
     assert refused
     assert run_suite(suite, folder)["summary"]["passed"] == 5
+
+
+def test_a_disk_that_is_full_at_the_start_is_one_line(judges, suite, folder, monkeypatch):
+    def no_room(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.pwrite", no_room)
+    for begin in (lambda: run_suite(suite, folder), lambda: merge([folder / "part"], folder)):
+        with pytest.raises(MrmError, match=f"{folder}: cannot be written: No space left on device"):
+            begin()
 
 
 def test_a_file_that_changes_during_the_run_is_an_error_of_its_case(judges, suite, folder, tmp_path):

@@ -221,7 +221,7 @@ class _Run:
     def __init__(self, folder: Path, backend: str | None) -> None:
         import json
 
-        self._folder = folder
+        self._folder, self._backend = folder, backend
         path = folder / "report.json"
         try:
             report = json.loads(path.read_text(encoding="utf-8"))
@@ -244,7 +244,8 @@ class _Run:
         ]
         if not found:
             known = [str(each.get("name")) for each in self._records]
-            raise MrmError(f"{self._folder}: the run has no render of {name}; {suggestion(name, known)}")
+            on = f" on {self._backend}" if self._backend else ""
+            raise MrmError(f"{self._folder}: the run has no render of {name}{on}; {suggestion(name, known)}")
         if len(found) > 1:
             backends = ", ".join(str(each.get("backend")) for each in found)
             raise MrmError(f"{name} was rendered by several backends: name one with --backend ({backends})")

@@ -12,7 +12,7 @@ import hashlib
 import json
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -169,13 +169,25 @@ class Store:
         record = {"format": FORMAT, "case": name, "sha256": digest, "accepted": accepted, **provenance}
         path, beside = self.paths(name)
         pending = self._pending(name)
-        with self._log("accept", name, digest, accepted), pending.open("wb") as file:
+        with self._log("accept", name, digest, accepted):
+            self._finish(name)
             # The provenance is what decides: until it is replaced the old image counts, and from then on the new.
-            file.write(contents)
-            file.flush()
-            os.fsync(file.fileno())
-            write_text(beside, json.dumps(record, indent=2) + "\n")
+            try:
+                with pending.open("wb") as file:
+                    file.write(contents)
+                    file.flush()
+                    os.fsync(file.fileno())
+                write_text(beside, json.dumps(record, indent=2) + "\n")
+            except (OSError, MrmError):
+                pending.unlink(missing_ok=True)
+                raise
             pending.replace(path)
+
+    def _finish(self, name: str) -> None:
+        """Put an image in its place that an acceptance which was cut short left under the second name."""
+        with suppress(MrmError):
+            if self._image(name, self.provenance(name)["sha256"]) == self._pending(name):
+                self._pending(name).replace(self.paths(name)[0])
 
     @contextmanager
     def _log(self, what: str, name: str, digest: str, decision: Mapping[str, Any]) -> Iterator[None]:

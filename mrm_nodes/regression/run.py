@@ -131,7 +131,7 @@ def run_suite(
     """
     prepare_folder(folder)
     plan = plan_backends(backend, probe_backends(backend), required_backends())
-    with _ended_by_signals(), journal.locked(folder), _writing(folder), _scratch(folder) as scratch:
+    with _ended_by_signals(), _writing(folder), journal.locked(folder), _scratch(folder) as scratch:
         run = _Run(tasks, folder, plan, shard, cache, on_outcome)
         run.environment["jobs"] = jobs
         past = _past(folder, resume)
@@ -348,7 +348,7 @@ def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
     shards: dict[int, Path] = {}
     first: Mapping[str, Any] = {}
     seconds = 0.0
-    with journal.locked(folder), _writing(folder):
+    with _writing(folder), journal.locked(folder):
         for part in parts:
             past = journal.read(part)
             if past is None:

@@ -11,6 +11,7 @@ from mrm_nodes.regression.compare import (
     bounds_for,
     compare,
     grazing_factor,
+    quantile,
     relative_error,
 )
 
@@ -124,3 +125,14 @@ def test_bounds_grow_with_the_grazing_part_of_the_light():
     assert at(0.0, np.arccos(0.001)) == pytest.approx(5.0)
     assert bounds(0.5, reference=2.0, grazing=6.0)[0] == pytest.approx(3 * bounds(0.5)[0])
     assert bounds(0.5, reference=1e-9, grazing=1e-8)[0] == pytest.approx(bounds(0.5)[0])
+
+
+def test_the_percentile_is_numpy_s_own_whatever_the_values():
+    """The largest values are sorted out first: ties, infinities and few values must not matter."""
+    rng = np.random.default_rng(4)
+    for count in (1, 2, 999, 1001, 30_000):
+        spread = rng.lognormal(size=(count, 3))
+        for values in (spread, np.round(spread), np.zeros((count, 3)), np.sort(spread, axis=0)):
+            values[rng.random((count, 3)) < 0.002] = np.inf
+            for share in (0.0, 0.5, 0.999, 1.0):
+                assert quantile(values, share) == np.quantile(values, share, method="higher")

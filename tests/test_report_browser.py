@@ -515,6 +515,23 @@ def test_the_case_shows_its_source_as_text(opened):
     assert links == ["render.exr", "reference.exr", "material.mtlx"]
 
 
+def test_the_set_up_is_brief_and_whole_where_it_is_pointed_at(opened):
+    page = opened()
+    open_case(page, "passes")
+    setup = default_suite()[1].describe()
+    told = page.locator(".set-up")
+    for light in setup["lights"]:
+        whole = told.locator(f'[title="{light}"]')
+        shown = whole.text_content()
+        numbers = [float(each) for each in re.findall(r"-?[\d.]+(?:e-?\d+)?", shown)]
+        assert numbers == pytest.approx(
+            [float(each) for each in re.findall(r"-?[\d.]+(?:e-?\d+)?", light)], rel=1e-3
+        )
+        assert len(shown) < len(light)
+    assert "None" in setup["camera"]
+    assert "None" not in told.text_content()
+
+
 def test_a_cloud_shows_its_decades(opened):
     page = opened()
     assert page.locator("#cloud-table tbody tr").count() == 1

@@ -24,7 +24,10 @@ from mrm_nodes.errors import MrmError
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
 @click.option("-o", "--output", type=Path, help="JSON file to write too.")
 def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | None) -> None:
-    """Time runs of one and two jobs, cold and from the cache, and beside MaterialX's renderer and idiff."""
+    """Time runs of one and two jobs, cold and from the cache, and beside MaterialX's renderer and idiff.
+
+    Overhead is the share of the workers' time, their start included, that is spent in no stage.
+    """
     from mrm_nodes.regression import bench
     from mrm_nodes.regression.files import write_text
 
@@ -77,8 +80,9 @@ def _beside(backend: str) -> None:
     try:
         for row in bench.beside_idiff():
             click.echo(
-                f"comparing {row.size}x{row.size}: idiff {row.command:.1f} ms, its library {row.library:.1f} ms, "
-                f"ours {row.ours:.1f} ms"
+                f"comparing {row.size}x{row.size}, CPU: idiff {row.command:.1f} ms, its library {row.library:.1f} ms, "
+                f"ours {row.ours:.1f} ms; without reading the files, its library {row.library_alone:.1f} ms, "
+                f"ours {row.ours_alone:.1f} ms"
             )
     except MrmError as error:
         click.echo(f"not measured: {error}")

@@ -163,9 +163,16 @@ def _measure(image: Array, reference: Array, noise: Array) -> dict[str, _Measure
     deviations = statistics.NormalDist().inv_cdf(1 - CHANCE / (2 * error.size))
     spread = deviations * noise / np.maximum(np.abs(reference), FLOOR)
     low, high = np.maximum(error - spread, 0.0), error + spread
+
+    def interval(figure: Callable[[Array], float]) -> _Measured:
+        value = figure(error)
+        return (
+            _Measured(value, figure(low), figure(high)) if np.any(noise) else _Measured(value, value, value)
+        )
+
     return {
-        "max_rel": _Measured(*(float(np.max(each)) for each in (error, low, high))),
-        "p999_rel": _Measured(*(quantile(each, 0.999) for each in (error, low, high))),
+        "max_rel": interval(lambda each: float(np.max(each))),
+        "p999_rel": interval(lambda each: quantile(each, 0.999)),
         "rmse": _root_mean_square(image - reference, noise),
     }
 

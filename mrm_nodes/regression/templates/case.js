@@ -350,7 +350,7 @@ function factsOf(each) {
   const facts = [];
   if (each.details.decades) facts.push(cloudFacts(each));
   else if (compared(each)) facts.push(figureFacts(each));
-  facts.push(el("section", {}, el("h3", {}, "Set-up"), tree(each.setup)));
+  facts.push(el("section", { class: "set-up" }, el("h3", {}, "Set-up"), tree(each.setup)));
   const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "worst"].includes(name)));
   const files = ["render_data", "reference_data", "source"].filter((name) => each.files[name]);
   facts.push(
@@ -409,6 +409,12 @@ function rowsOf(values) {
         return [el("dt", { class: "group" }, name), rowsOf(value)];
       }
       const long = Array.isArray(value) && value.some((part) => typeof part === "string" && part.length > 12);
-      return [el("dt", {}, name), el("dd", {}, long ? value.map((part) => el("div", {}, words(part))) : words(value))];
+      return [el("dt", {}, name), long ? el("dd", {}, value.map((part) => el("div", { title: part }, brief(words(part))))) : el("dd", { title: words(value) }, brief(words(value)))];
     });
+}
+
+// Cameras and lights are written as Python has them: four digits are enough to read, and what is not set is not told.
+function brief(text) {
+  if (!/^\w+\(.*\)$/.test(text)) return text;
+  return text.replace(/, \w+=None\b/g, "").replace(/\d+\.\d{4,}(e[+-]?\d+)?/g, (number) => String(Number(Number(number).toPrecision(4))));
 }

@@ -245,6 +245,16 @@ def test_a_damaged_report_is_an_error(content: str, suite: Path, command):
     assert status == 2 and "report.json" in err
 
 
+@pytest.mark.parametrize("key", ["backend", "setup", "tolerance", "files", "details"])
+def test_a_report_with_something_else_in_a_record_is_an_error(key: str, suite: Path, command):
+    file = suite / "report" / "report.json"
+    report = json.loads(file.read_text())
+    for damaged in ({**report["cases"][0], key: None}, {**report["cases"][0], key: ["x"]}):
+        file.write_text(json.dumps({**report, "cases": [damaged]}))
+        status, _, err = command("accept", SOFT)
+        assert status == 2 and "report.json: damaged; run regress again" in err
+
+
 def test_a_damaged_render_is_not_accepted(suite: Path, command, worker: Worker):
     cut(suite / "report" / "cases" / worker.backend / SOFT / "render.exr")
     assert command("accept", SOFT)[0] == 2

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -82,7 +82,7 @@ def accept(
             "setup": record["setup"],
             "tolerance": record["tolerance"],
             "backend": record["backend"],
-            "driver": run.environment.get("backends", {}).get(record["backend"]),
+            "driver": run.environment["backends"].get(record["backend"]),
             "versions": run.environment.get("versions"),
             "platform": run.environment.get("platform"),
             "suite": _suite_digest(suite),
@@ -215,6 +215,18 @@ def _suite_digest(suite: Path) -> str | None:
     return hashlib.sha256(suite.read_bytes()).hexdigest() if suite.is_file() else None
 
 
+_TEXTS, _TABLES = ("name", "backend", "verdict", "message"), ("setup", "tolerance", "files", "details")
+_FORM: dict[str, type] = {**dict.fromkeys(_TEXTS, str), **dict.fromkeys(_TABLES, dict)}
+"""Of a case's record: what is needed of it here."""
+
+
+def _check_form(record: Mapping[str, Any], form: Mapping[str, type]) -> None:
+    """Raises KeyError or TypeError where a record lacks something, or has something else in its place."""
+    for name, kind in form.items():
+        if not isinstance(record[name], kind):
+            raise TypeError(name)
+
+
 class _Run:
     """What a run left in its report's folder."""
 
@@ -227,11 +239,14 @@ class _Run:
             report = json.loads(path.read_text(encoding="utf-8"))
             records = [dict(record) for record in report["cases"] if record["kind"] == "material"]
             self.environment = dict(report["environment"])
+            _check_form(self.environment, {"backends": dict})
+            for record in records:
+                _check_form(record, _FORM)
         except OSError as error:
             raise MrmError(f"{path}: cannot be read: {error.strerror}; run regress first") from None
         except (ValueError, KeyError, TypeError, RecursionError):
             raise MrmError(f"{path}: damaged; run regress again") from None
-        self._records = [record for record in records if backend in (None, record.get("backend"))]
+        self._records = [record for record in records if backend in (None, record["backend"])]
 
     def record(self, name: str) -> dict[str, Any]:
         """The record of a case.
@@ -239,15 +254,13 @@ class _Run:
         Raises:
             MrmError: the run has none with a render, or several.
         """
-        found = [
-            each for each in self._records if each.get("name") == name and each.get("verdict") != "skipped"
-        ]
+        found = [each for each in self._records if each["name"] == name and each["verdict"] != "skipped"]
         if not found:
-            known = [str(each.get("name")) for each in self._records]
+            known = [each["name"] for each in self._records]
             on = f" on {self._backend}" if self._backend else ""
             raise MrmError(f"{self._folder}: the run has no render of {name}{on}; {suggestion(name, known)}")
         if len(found) > 1:
-            backends = ", ".join(str(each.get("backend")) for each in found)
+            backends = ", ".join(each["backend"] for each in found)
             raise MrmError(f"{name} was rendered by several backends: name one with --backend ({backends})")
         return found[0]
 
@@ -261,10 +274,10 @@ class _Run:
 
         from mrm_nodes.render.images import read_image
 
-        name = record.get("files", {}).get("render_data")
+        name = record["files"].get("render_data")
         if not isinstance(name, str):
-            reason = record.get("message") or "the case was not rendered"
-            raise MrmError(f"{record.get('name')}: the run has no render of it: {reason}")
+            reason = record["message"] or "the case was not rendered"
+            raise MrmError(f"{record['name']}: the run has no render of it: {reason}")
         path = self._folder / name
         if not np.isfinite(read_image(path)).all():
             raise MrmError(f"{path}: the render is not finite, and no baseline")

@@ -14,11 +14,12 @@ TURQUIN = 3
 KULLA_CONTY = 4
 
 # A table of E: ROWS directions by COLUMNS alphas, isotropic, and a row of averages. One of any lobe goes on with
-# ACROSS times FREE times as many rows, and COLUMNS rows of averages.
+# ACROSS times FREE times as many rows, and with AVERAGES² averages, cut into rows of COLUMNS.
 ROWS = 48
 COLUMNS = 24
 ACROSS = 16
 FREE = 6
+AVERAGES = 4 * COLUMNS
 #: The largest alpha along any axis, where both are at most 1: slopes that are correlated add theirs up.
 WIDEST = math.sqrt(2.0)
 
@@ -120,6 +121,14 @@ def albedo_lookup(
 
 
 @formula
+def _root_of_lost(i: int, j: int, table: Array) -> float:
+    start = table.shape[0] - AVERAGES * AVERAGES // COLUMNS
+    k = i * AVERAGES + j
+    value: float = table[start + k // COLUMNS, k % COLUMNS]
+    return value
+
+
+@formula
 def average_lookup(ax: float, ay: float, correlation: float, table: Array) -> float:
     """E_avg: of an isotropic lobe the row below its E; of another, from the table's last rows by the alphas
     along the principal axes of its slopes.
@@ -132,9 +141,12 @@ def average_lookup(ax: float, ay: float, correlation: float, table: Array) -> fl
     apart = math.sqrt(half * half + (correlation * ax * ay) ** 2)
     major = math.sqrt(0.5 * (ax * ax + ay * ay) + apart)
     minor = ax * ay * math.sqrt(1.0 - correlation * correlation) / major
-    i, x = _cell(math.sqrt(major / WIDEST), COLUMNS)
-    j, y = _cell(math.sqrt(minor / WIDEST), COLUMNS)
-    return _bilinear(table, table.shape[0] - COLUMNS + i, x, j, y)
+    i, x = _cell(math.sqrt(major / WIDEST), AVERAGES)
+    j, y = _cell(math.sqrt(minor / WIDEST), AVERAGES)
+    near = _root_of_lost(i, j, table) * (1.0 - y) + _root_of_lost(i, j + 1, table) * y
+    far = _root_of_lost(i + 1, j, table) * (1.0 - y) + _root_of_lost(i + 1, j + 1, table) * y
+    root = near + (far - near) * x
+    return 1.0 - root * root * root * root
 
 
 @formula

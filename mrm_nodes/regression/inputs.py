@@ -93,6 +93,7 @@ def source_digest() -> str:
     return digest(*parts)
 
 
+@functools.cache
 def versions() -> dict[str, str]:
     """Versions of this package, of Python, and of the packages that images and references are made with."""
     found = {name: importlib.metadata.version(name) for name in ("mrm-nodes", *VERSIONED)}

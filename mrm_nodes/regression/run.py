@@ -20,6 +20,7 @@ import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,7 @@ from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.cluster import Cluster, run_on
 from mrm_nodes.regression.executors import TIME_LIMIT, Judged, estimate, run_locally
 from mrm_nodes.regression.files import prepare_folder
-from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, versions
+from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, source_digest, versions
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.report import write_records
 from mrm_nodes.render.context import BACKENDS, BackendReport, probe_backends
@@ -130,7 +131,12 @@ def run_suite(
         KeyboardInterrupt: the run was ended.
     """
     prepare_folder(folder)
-    plan = plan_backends(backend, probe_backends(backend), required_backends())
+    with ThreadPoolExecutor(1) as pool:
+        probing = pool.submit(probe_backends, backend)
+        # What is needed next is found out while the driver starts.
+        source_digest()
+        versions()
+        plan = plan_backends(backend, probing.result(), required_backends())
     with _ended_by_signals(), _writing(folder), journal.locked(folder), _scratch(folder) as scratch:
         run = _Run(tasks, folder, plan, shard, cache, on_outcome)
         run.environment["jobs"] = jobs

@@ -72,13 +72,18 @@ class Measurement:
         return self.jobs * self.seconds / sum(self.stages.values()) - 1
 
 
+def suite() -> list[Case]:
+    """The default suite's cases in direct light."""
+    return [case for case in default_suite() if case.environment is None]
+
+
 def cases(count: int) -> list[Case]:
-    """So many different cases: the default suite's in direct light at 128 by 128, with other weights and alphas."""
-    suite = [case for case in default_suite() if case.environment is None]
+    """So many different cases: those of `suite` at 128 by 128, with other weights and alphas."""
+    known = suite()
     rng = np.random.default_rng(0)
     made = []
     for number in range(count):
-        case = suite[number % len(suite)]
+        case = known[number % len(known)]
         alpha, weight = float(rng.uniform(0.05, 0.6)), float(rng.random())
         inputs = {**case.inputs, "roughness": (alpha, alpha), "retroreflectivity": weight}
         own = {name: value for name, value in inputs.items() if name not in case.patterns}

@@ -280,7 +280,7 @@ def test_the_tint_multiplies_both_lobes():
     rng = np.random.default_rng(5)
     v, l = directions(rng, 200, (1, -1)), directions(rng, 200, (1, -1))  # noqa: E741
     np.testing.assert_allclose(tinted.eval(v, l), tint * plain.eval(v, l), rtol=1e-14)
-    np.testing.assert_allclose(tinted.albedo(v), tint * plain.albedo(v), rtol=1e-14)
+    np.testing.assert_allclose(tinted.albedo(v[:5]), tint * plain.albedo(v[:5]), rtol=1e-14)
     u = rng.random((200, 3))
     np.testing.assert_allclose(tinted.sample(v, u).weight, tint * plain.sample(v, u).weight, rtol=1e-13)
 

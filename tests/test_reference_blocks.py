@@ -42,3 +42,15 @@ def test_strides_make_no_difference(name: str, weight: str, correlation: str) ->
     strided = np.repeat(v, 2, axis=1)[:, ::2]
     assert not strided.flags.c_contiguous
     np.testing.assert_allclose(lobe.eval(strided, l), value, rtol=1e-13)
+
+
+@pytest.mark.parametrize("count", [1, BLOCK])
+@pytest.mark.parametrize("cosine", [5e-324, 2.3e-308, 1e-160, 1e-77, 1e-59])
+@pytest.mark.parametrize("name", LOBES)
+def test_directions_along_the_surface_have_a_finite_value(name: str, cosine: float, count: int) -> None:
+    v = np.tile([1.0, 0.0, cosine], (count, 1))
+    for correlation in ("height", "separable"):
+        for l in ([1.0, 0.0, cosine], [-1.0, 0.0, cosine], [0.0, 1.0, cosine], [-1.0, 0.0, -cosine]):  # noqa: E741
+            value = LOBES[name](np.asarray(0.3), correlation).eval(v, np.tile(l, (count, 1)))
+            assert np.isfinite(value).all()
+            assert (value >= 0.0).all()

@@ -42,6 +42,9 @@ IN_RXY, IN_MEAN, IN_TINT, IN_TABLE, IN_NODES = range(10, 15)
 # Doubles that memory hands over together.
 CACHE_LINE = 8
 
+# A cosine below this is 0, where nothing is lit: its fourth power, with those of the alphas, would underflow.
+HORIZON = 1e-60
+
 # Twice the deviation of a length from 1 is that of its square.
 UNIT_TOLERANCE = 2e-6
 

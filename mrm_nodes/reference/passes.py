@@ -44,6 +44,7 @@ from .block import (
     GY,
     GZ,
     HH,
+    HORIZON,
     HX,
     HY,
     HZ,
@@ -107,14 +108,14 @@ def place(s: Array, modes: Any, lit: bool) -> int:
         s[SIDE + i] = side
         s[EX + i] = side * x
         s[EY + i] = side * y
-        s[EZ + i] = side * z
+        s[EZ + i] = side * z if abs(z) > HORIZON else 0.0
     if lit:
         for i in range(BLOCK):
             x, y, z = s[LX + i], s[LY + i], s[LZ + i]
             rejected += not_unit(x, y, z)
             s[GX + i] = s[SIDE + i] * x
             s[GY + i] = s[SIDE + i] * y
-            s[GZ + i] = s[SIDE + i] * z
+            s[GZ + i] = s[SIDE + i] * z if abs(z) > HORIZON else 0.0
     return rejected
 
 
@@ -210,7 +211,8 @@ def _plain_at(
     s[OUTER + i] = 0.5 * math.sqrt(hh)
     lobe = surface.ggx_normals(x, y, z, hh, ax, ay) * visibility(cv, cl, area_v, area_l)
     share = 1.0 - s[RETRO + i] if turn > 0.0 else s[RETRO + i]
-    s[VISIBLE + i] = 0.25 * share * lobe if min(min(cv, cl), share) > 0.0 else 0.0
+    lit = min(min(cv, cl) - HORIZON, share) > 0.0
+    s[VISIBLE + i] = 0.25 * share * lobe if lit else 0.0
     return not_unit(vx, vy, vz) + not_unit(lx, ly, lz)
 
 

@@ -381,21 +381,29 @@ def shader(backend: str, size: int, rounds: int, surfaces: bool, output: Path | 
     "--count", type=click.IntRange(1), default=1 << 20, show_default=True, help="Evaluations a call."
 )
 @click.option("--growth", is_flag=True, help="Also time a conductor from 10^5 to 10^8 evaluations.")
-def reference(count: int, growth: bool) -> None:
+@click.option("-o", "--output", type=Path, help="JSON file to write too.")
+def reference(count: int, growth: bool, output: Path | None) -> None:
     """Time the evaluator beside NumPy and, where it is installed, Mitsuba's LLVM variant."""
+    import json
+    from dataclasses import asdict
     from itertools import chain
 
     from mrm_nodes.reference import bench as evaluator_bench
+    from mrm_nodes.regression.files import write_text
 
     click.echo(
         f"{'subject':<28} {'question':<8} {'lobe':<22} {'cores':>5} {'count':>10} {'seconds':>8} "
         f"{'million/s':>10} {'/Mitsuba':>8} {'peak MiB':>8}"
     )
+    rows = []
     for row in chain(evaluator_bench.measure(count), evaluator_bench.growth() if growth else ()):
+        rows.append(row)
         place = f"{row.subject:<28} {row.question:<8} {row.lobe:<22} {row.cores:>5} {row.count:>10}"
         ratio = "" if row.of_mitsuba is None else f"{row.of_mitsuba:.2f}"
         peak = "" if row.peak is None else f"{row.peak:.0f}"
         click.echo(f"{place} {row.seconds:>8.4f} {row.rate / 1e6:>10.4g} {ratio:>8} {peak:>8}")
+    if output is not None:
+        write_text(output, json.dumps([asdict(row) | {"rate": row.rate} for row in rows], indent=2) + "\n")
 
 
 @cli.command()

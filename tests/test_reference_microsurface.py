@@ -377,6 +377,14 @@ def test_diffuse_microfacets_pass_the_white_furnace(distribution, masking):
         assert total == pytest.approx(1.0, abs=2e-3)
 
 
+def test_diffuse_microfacets_of_many_views_are_those_of_each():
+    d, l = ref.GGX(0.5, 0.3), direction(35.0, 2.0)  # noqa: E741
+    v = np.stack([direction(50.0), direction(50.0), direction(80.0)])
+    together = ref.diffuse_microfacets(d, 0.8, v, l, shadowing=False, resolution=16)
+    alone = [ref.diffuse_microfacets(d, 0.8, w, l, shadowing=False, resolution=16) for w in v]
+    np.testing.assert_array_equal(together, alone)
+
+
 def test_diffuse_microfacets_are_reciprocal_and_lambertian_when_smooth():
     v, l = direction(50.0, 0.1), direction(35.0, 2.0)  # noqa: E741
     rough = ref.Beckmann(0.6, 0.2)

@@ -478,6 +478,10 @@ V = np.array([0.6, 0.0, 0.8])
             lambda: ref.Conductor(0.2, 3.9, 0.3, distribution="phong", masking="kelemen"),
             ["masking", "kelemen"],
         ),
+        (
+            lambda: ref.Conductor(0.2, 3.9, 0.3, distribution="phong", slope_correlation=0.5),
+            ["slope_correlation"],
+        ),
         (lambda: ref.Dielectric(1.5, 0.3, tint=-1.0), ["tint", "-1"]),
         (lambda: ref.Dielectric(1.5, 0.3, thinfilm_ior=0.0), ["thinfilm_ior", "0"]),
         (lambda: ref.Dielectric(1.5, 0.3).eval(V + 0j, V), ["v", "directions"]),

@@ -2,7 +2,7 @@
 # make test      run the tests
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
 # make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
-# make fuzz      damage 2,400 files and send them through the command line; about 10 minutes
+# make fuzz      damage 2,400 files and send them through the command line; minutes
 # make lint      check types, lint and format
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 import MaterialX as mx
@@ -151,8 +150,9 @@ def _shader(
     else:
         shader = add(surface.name, **{surface.input: float(subject.split()[1])})
     document.addMaterialNode("material", shader)
-    options: dict[str, Any] = {"environment": LIGHTS[light][0], "interface": interface, "max_lights": 1}
-    return generate_shader(document, "glsl", **options)
+    # Room for as many lights as a shader has by default: with room for one, whether a driver unrolls the loop over
+    # it decides more than what is in it.
+    return generate_shader(document, "glsl", environment=LIGHTS[light][0], interface=interface)
 
 
 def print_table(backend: str, size: int, rounds: int, output: Path | None) -> None:

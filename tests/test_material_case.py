@@ -11,7 +11,7 @@ import pytest
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import material_case, physics
+from mrm_nodes.regression import physics
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, with_values
 from mrm_nodes.regression.outcome import Outcome
 from mrm_nodes.regression.suitefile import DEFAULT_LIGHTS, load
@@ -345,12 +345,12 @@ def test_an_environment_is_integrated_by_the_evaluator(worker: Worker, tmp_path:
 
 
 def test_an_environment_that_is_turned_fails(worker: Worker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    original = material_case.light_tree
+    original = physics.light_tree
 
     def turned(tree: object, points: object, around: Environment, resolve: object) -> object:
         return original(tree, points, replace(around, rotation=90.0), resolve)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(material_case, "light_tree", turned)
+    monkeypatch.setattr(physics, "light_tree", turned)
     case = replace(case_of(write(tmp_path, METAL + SURFACE), environment=STUDIO), size=(16, 16))
     assert judged(worker, case, tmp_path / "report").verdict == "fail"
 

@@ -100,7 +100,7 @@ def read_document(
     """Read a .mtlx file, with MaterialX's standard libraries and ours beside it.
 
     libraries: a MaterialX `libraries` folder in place of the installed MaterialX's.
-    allow_external: whether it may include documents and name images outside of its folder and the search path.
+    allow_external: whether it may include documents and name images outside of its folder and the node libraries.
 
     Raises:
         MrmError: the file is missing, is not MaterialX, or names a file that it may not read.

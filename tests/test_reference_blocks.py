@@ -1,6 +1,7 @@
 """Arrays reach a kernel in one piece, in strides, or as what is left of a block: the numbers are the same."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,3 +55,22 @@ def test_directions_along_the_surface_have_a_finite_value(name: str, cosine: flo
             value = LOBES[name](np.asarray(0.3), correlation).eval(v, np.tile(l, (count, 1)))
             assert np.isfinite(value).all()
             assert (value >= 0.0).all()
+
+
+@pytest.mark.parametrize("what", ["alpha", "retroreflectivity", "ior", "tint", "thinfilm_thickness"])
+def test_one_parameter_that_varies_is_each_configuration_s_own(what: str) -> None:
+    rng = np.random.default_rng(6)
+    v, l = directions(rng), directions(rng)  # noqa: E741
+    values = {
+        "alpha": rng.uniform(0.1, 0.5, (COUNT, 2)),
+        "retroreflectivity": rng.random(COUNT),
+        "ior": rng.uniform(1.2, 2.0, COUNT),
+        "tint": rng.random((COUNT, 3)),
+        "thinfilm_thickness": rng.uniform(0.0, 600.0, COUNT),
+    }[what]
+    fixed: dict[str, Any] = {"ior": 1.5, "alpha": 0.2}
+    together = Dielectric(**(fixed | {what: values})).eval(v, l)
+    lit = np.flatnonzero(together[:, 0] > 0.0)
+    for k in lit[[0, len(lit) // 2, -1]]:
+        alone = Dielectric(**(fixed | {what: values[k]})).eval(v[k], l[k])
+        np.testing.assert_allclose(together[k], alone, rtol=1e-13)

@@ -216,7 +216,7 @@ def test_the_instrument_sees_a_wrong_density():
     right = ref.Conductor(0.2, 3.9, 0.4, retroreflectivity=0.3)
     for wrong in (
         ref.Conductor(0.2, 3.9, 0.42, retroreflectivity=0.3),
-        ref.Conductor(0.2, 3.9, 0.4, retroreflectivity=0.33),
+        ref.Conductor(0.2, 3.9, 0.4, retroreflectivity=0.34),
     ):
         test = ChiSquare(right, OUTSIDE)
         test.bsdf = wrong

@@ -49,6 +49,8 @@ SOFT, ROUGH, METAL = "velvet-roughness0.3", "velvet-roughness0.6", "metal"
 @pytest.fixture(scope="module")
 def backend() -> str:
     working = [probe.backend for probe in probe_backends() if probe.works]
+    if not working and run.required_backends():
+        pytest.fail("no backend works")
     return working[0] if working else pytest.skip("no backend works")
 
 

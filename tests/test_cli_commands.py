@@ -11,6 +11,7 @@ import pytest
 
 from mrm_nodes import cli
 from mrm_nodes.library import materials_path, own_libraries
+from mrm_nodes.regression.run import required_backends
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.render.images import read_image
 
@@ -21,6 +22,8 @@ TAPE = sorted(materials_path().glob("*.mtlx"))[0]
 def backend():
     """The first backend that works."""
     working = [probe.backend for probe in probe_backends() if probe.works]
+    if not working and required_backends():
+        pytest.fail("no backend works")
     return working[0] if working else pytest.skip("no backend works")
 
 

@@ -22,6 +22,14 @@ MASKINGS = {
     "schlick-smith": surface.SCHLICK_SMITH,
     "kelemen": surface.KELEMEN,
 }
+#: The distributions of a lobe, each with the maskings that are physics with it.
+PAIRS = (
+    ("ggx", "smith"),
+    ("beckmann", "smith"),
+    ("ggx", "vcavity"),
+    ("beckmann", "vcavity"),
+    ("phong", "vcavity"),
+)
 CORRELATIONS = {
     "height": surface.HEIGHT,
     "separable": surface.SEPARABLE,

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from .bsdf import GeneralizedSchlick
+from .checks import PAIRS
 from .compiled import Array
 from .diffuse import eon, lambert
 from .distributions import GGX, Beckmann, BeckmannRational
@@ -20,13 +21,6 @@ from .energy import average_albedo
 
 GREEN, BLUE, ORANGE, RED, GREY = "#2a8a3a", "#2b5fb3", "#d9822b", "#c0392b", "#777777"
 COLOURS = (BLUE, GREEN, ORANGE, RED, GREY)
-PAIRS = (
-    ("ggx", "smith"),
-    ("beckmann", "smith"),
-    ("ggx", "vcavity"),
-    ("beckmann", "vcavity"),
-    ("phong", "vcavity"),
-)
 MASKINGS = ("smith", "vcavity", "implicit", "schlick-smith", "kelemen")
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
+from .checks import PAIRS
 from .compiled import Array
 
 SCHEMA = "https://json-schema.org/draft/2020-12/schema"
@@ -22,13 +23,6 @@ CLASSES: dict[str, type[Lobe]] = {
     "Dielectric": Dielectric,
     "GeneralizedSchlick": GeneralizedSchlick,
 }
-PAIRS = (
-    ("ggx", "smith"),
-    ("beckmann", "smith"),
-    ("ggx", "vcavity"),
-    ("beckmann", "vcavity"),
-    ("phong", "vcavity"),
-)
 
 _VECTOR = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
 

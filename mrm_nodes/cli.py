@@ -189,14 +189,14 @@ def generate(
     allow_external: bool,
 ) -> int:
     """Generate a material's shader code and print the files written, or check it with compilers."""
-    from mrm_nodes import shadergen
+    from mrm_nodes import documents, shadergen
 
     if target is None and not check:
         raise MrmError(f"name a target with --target: {', '.join(shadergen.supported_targets())}")
     if folder is None and not check:
         raise MrmError("name a folder for the shader's files with -o, or say --check")
     targets = shadergen.supported_targets() if target is None else [target]
-    document = shadergen.read_document(file, libraries, allow_external)
+    document = documents.read_document(file, libraries, allow_external)
     _say_what_is_ignored(document, file, targets, environment, libraries, strict)
     options: dict[str, Any] = {
         "environment": environment,

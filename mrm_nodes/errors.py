@@ -5,6 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
+_MANY = 20
+"""More names than this are not listed."""
+_LONGEST = 100
+"""Letters of a name that is compared with others, which takes its square in time."""
+
 
 class MrmError(Exception):
     """The request or the machine is at fault: says what, where, and what to do.
@@ -17,10 +22,18 @@ class MrmWarning(UserWarning):
     """Something was changed on the user's behalf (a value clamped, normals made) and the work went on."""
 
 
+def unknown(what: str, name: str, known: Iterable[str]) -> str:
+    """What to say of a name that is none of those known, such as `unknown target xyz; known: glsl`."""
+    return f"unknown {what} {name}; {suggestion(name, known)}"
+
+
 def suggestion(name: str, known: Iterable[str]) -> str:
-    """What to say of a name that is unknown: those that are like it, else all there are."""
+    """What to say of a name that is unknown: those that are like it, else all there are, or the nearest of many."""
     names = sorted(set(known))
-    close = difflib.get_close_matches(name, names, n=3)
+    sought = name[:_LONGEST]
+    close = difflib.get_close_matches(sought, names, n=3)
+    if not close and len(names) > _MANY:
+        close = difflib.get_close_matches(sought, names, n=3, cutoff=0)
     if close:
         return f"did you mean {' or '.join(close)}?"
     return f"known: {', '.join(names)}" if names else "there is none"

@@ -8,8 +8,9 @@ import MaterialX as mx
 import pytest
 
 from mrm_nodes import cli, external
+from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
-from mrm_nodes.shadergen import generate_shader, read_document
+from mrm_nodes.shadergen import generate_shader
 
 GRAPH = '<constant name="c" type="color3" /><output name="out" type="color3" nodename="c" />'
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.regression import physics
@@ -19,7 +20,7 @@ from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import Framing, probe_backends, write_png
 from mrm_nodes.render.environment import Environment
-from mrm_nodes.shadergen import Shader, read_document
+from mrm_nodes.shadergen import Shader
 
 MATERIALS = sorted(path.stem for path in materials_path().glob("*.mtlx"))
 

@@ -17,10 +17,10 @@ import pytest
 from numpy.typing import NDArray
 
 import mrm_nodes
+from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.render import CameraLight, PointLight, RenderedImage, get_context, render
-from mrm_nodes.shadergen import read_document
 
 MATERIALS = sorted(path.stem for path in materials_path().glob("*.mtlx"))
 OUR_NODES = {"mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"}

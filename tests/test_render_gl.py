@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import mrm_nodes
+from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import (
     BACKENDS,
@@ -32,7 +33,7 @@ from mrm_nodes.render import (
     write_png,
 )
 from mrm_nodes.render.gbuffer import sheet_stages
-from mrm_nodes.shadergen import generate_shader, read_document
+from mrm_nodes.shadergen import generate_shader
 
 REQUIRED = [name for name in os.environ.get("MRM_REQUIRE_BACKENDS", "").split(",") if name]
 

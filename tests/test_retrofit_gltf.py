@@ -16,9 +16,9 @@ from click.testing import CliRunner
 
 import mrm_nodes
 from mrm_nodes.cli import cli
+from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render import write_png
-from mrm_nodes.shadergen import read_document
 from mrm_nodes.surfaces.convert import convert
 
 pytestmark = pytest.mark.filterwarnings("ignore:.*VENDOR_thing is left out")

@@ -22,11 +22,12 @@ from surface_lobes import (
 )
 
 import mrm_nodes
+from mrm_nodes.documents import check_document, read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.compare import relative_error
 from mrm_nodes.regression.reference_image import shade, shading_frame
 from mrm_nodes.render import CameraLight, RenderedImage, probe_backends, render, write_exr
-from mrm_nodes.shadergen import Shader, check_document, read_document
+from mrm_nodes.shadergen import Shader
 from mrm_nodes.surfaces import Surface, known_surfaces
 from mrm_nodes.surfaces.rewrite import retrofit_file
 

@@ -11,9 +11,9 @@ import MaterialX as mx
 import pytest
 
 import mrm_nodes
+from mrm_nodes.documents import check_document, read_document
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.library import materials_path
-from mrm_nodes.shadergen import check_document, read_document
 
 NODES = ["mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"]
 TARGETS = ["glsl", "essl", "vulkan", "wgsl", "msl", "slang", "osl", "mdl"]

@@ -12,7 +12,7 @@ import MaterialX as mx
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mrm_nodes import external, shadergen
+from mrm_nodes import documents, external
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
@@ -363,9 +363,9 @@ def read(case: MaterialCase) -> mx.Document:
     """The case's document.
 
     Raises:
-        MrmError: as `shadergen.read_document`.
+        MrmError: as `documents.read_document`.
     """
-    return shadergen.read_document(case.root / case.material, allow_external=case.allow_external)
+    return documents.read_document(case.root / case.material, allow_external=case.allow_external)
 
 
 def _placed(case: MaterialCase) -> mx.Document:
@@ -379,7 +379,7 @@ def _placed(case: MaterialCase) -> mx.Document:
     file = case.root / case.material
     # What it may read was checked where it came from. Here it is what came along.
     external.check_travelled(external.check_includes(file, True), file, case.root)
-    document = with_values(shadergen.read_document(file, allow_external=True), case.inputs, case.material)
+    document = with_values(documents.read_document(file, allow_external=True), case.inputs, case.material)
     external.move_images(document, case.origin, case.root)
     external.check_travelled(external.check_images(document, file, True), file, case.root)
     return document

@@ -20,7 +20,7 @@ from typing import Any
 import MaterialX as mx
 import pydantic
 
-from mrm_nodes import external, shadergen
+from mrm_nodes import documents, external
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.library import shared_library
 from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
@@ -452,7 +452,7 @@ class _Maker:
     @functools.cache  # noqa: B019  as long as the maker lives
     def _document(self, material: str) -> mx.Document:
         document = self._read(material)
-        shadergen.check_document(document, material)
+        documents.check_document(document, material)
         return document
 
     @functools.cache  # noqa: B019
@@ -493,7 +493,7 @@ class _Maker:
 
     @functools.cache  # noqa: B019
     def _as_read(self, material: str) -> mx.Document:
-        return shadergen.read_document(self._folder / material, allow_external=self._allow_external)
+        return documents.read_document(self._folder / material, allow_external=self._allow_external)
 
     def _read(self, material: str) -> mx.Document:
         """A document to be changed at will: reading it each time would be most of the time that a suite takes."""
@@ -550,7 +550,7 @@ def materials_of(document: mx.Document, where: str) -> list[str]:
     """
     found = [each.getNamePath() for each in document.getMaterialNodes()]
     if not found:
-        found = [shadergen.find_renderable(document, where, None).getNamePath()]
+        found = [documents.find_renderable(document, where, None).getNamePath()]
     return found
 
 

@@ -562,7 +562,7 @@ def materialx_to_gltf(source: Path, target: Path) -> list[str]:
         MrmError: no such document, not made from glTF, the original or a new image is missing, or nodes that
             glTF has nothing for. Nothing is written then.
     """
-    from mrm_nodes.shadergen import read_document
+    from mrm_nodes.documents import read_document
 
     document = read_document(source)
     name = document.getAttribute(SOURCE)

@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import MaterialX as mx
 
-from mrm_nodes import library, shadergen
+from mrm_nodes import documents, library
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.surfaces.markup import Edits, Tag, parse
 from mrm_nodes.surfaces.substitution import SUBSTITUTES, SWITCH, WEIGHT, Surface, known_surfaces
@@ -36,8 +36,8 @@ def retrofit_file(
             to retrofit; a weight is unknown or not from 0 to 1; `target` cannot be written. Then nothing is.
     """
     source, target = Path(source), Path(target)
-    document = shadergen.read_document(source)
-    shadergen.check_document(document, os.fspath(source))
+    document = documents.read_document(source)
+    documents.check_document(document, os.fspath(source))
     _check_textures(document, source)
     if target.exists() and target.samefile(source):
         raise MrmError(f"{target}: is the file to read; name another one to write")

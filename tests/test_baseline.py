@@ -427,16 +427,18 @@ def test_an_acceptance_that_is_cut_short_leaves_the_old_baseline_or_the_new_one(
     def die(*arguments: object) -> None:
         raise Killed
 
-    original = baseline.write_text
+    original = baseline.write_durably
 
-    def write_and_die(*arguments: object) -> None:
-        original(*arguments)  # type: ignore[arg-type]
-        raise Killed
+    def write(path: Path, contents: bytes) -> None:
+        """Dies before or after the provenance is there; the image is written before it."""
+        if path.suffix == ".json" and step == "the image is written":
+            raise Killed
+        original(path, contents)
+        if path.suffix == ".json":
+            raise Killed
 
-    if step == "the image is written":
-        monkeypatch.setattr(baseline, "write_text", die)
-    elif step == "the provenance is replaced":
-        monkeypatch.setattr(baseline, "write_text", write_and_die)
+    if step != "the image is replaced":
+        monkeypatch.setattr(baseline, "write_durably", write)
     else:
         monkeypatch.setattr(Path, "replace", die)
     with pytest.raises(Killed):
@@ -456,7 +458,7 @@ def test_an_acceptance_for_which_there_is_no_room_leaves_the_old_baseline_and_no
     store = Store(tmp_path / "baselines")
     store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
     before = stored(tmp_path)
-    for full in ("os.fsync", "mrm_nodes.regression.baseline.write_text"):
+    for full in ("os.fsync", "mrm_nodes.regression.baseline.write_durably"):
         with monkeypatch.context() as patch:
             patch.setattr(full, lambda *_: fill_disk())
             with pytest.raises(MrmError, match="cannot be written: No space left on device"):
@@ -470,7 +472,7 @@ def test_two_acceptances_that_are_cut_short_leave_the_first_one_s_image(
     store = Store(tmp_path / "baselines")
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", lambda *_: stop())
-        patch.setattr(baseline, "write_text", lambda path, text: path.write_text(text))
+        patch.setattr(baseline, "write_durably", lambda path, contents: path.write_bytes(contents))
         with pytest.raises(KeyboardInterrupt):
             store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
     with monkeypatch.context() as patch:

@@ -68,6 +68,7 @@ def accept(
     run = _Run(report, backend)
     chosen = _chosen(cases, suite, allow_external)
     renders = [(case, run.record(case.name)) for case in chosen]
+    standing = {case.name: case.store.standing(case.name) for case in chosen}
     for case, record in renders:
         if record["details"].get("inputs") != fingerprint(case):
             raise MrmError(
@@ -87,7 +88,8 @@ def accept(
             "platform": run.environment.get("platform"),
             "suite": _suite_digest(suite),
         }
-        case.store.accept(case.name, image, json.loads(json.dumps(provenance)), reason)
+        plain = json.loads(json.dumps(provenance))
+        case.store.accept(case.name, image, plain, reason, standing[case.name])
         click.echo(f"accepted {case.name}: {case.store.paths(case.name)[0]}")
 
 

@@ -1,18 +1,20 @@
 """Stored images: where no model gives the truth, what somebody looked at and accepted.
 
 A case has `NAME.exr` and `NAME.json`, its provenance, in one folder beside the suite. Only `accept` writes them.
-`log.jsonl` gets a line for every decision and is only ever appended to.
+`log.jsonl` gets a line for every decision and is only ever appended to; whoever holds its lock decides.
 """
 
 from __future__ import annotations
 
 import datetime
+import errno
 import getpass
 import hashlib
 import json
 import os
+import uuid
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -21,11 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.files import write_text
+from mrm_nodes.regression.files import lock, replace_durably, sync_folder, write_durably
 from mrm_nodes.render.images import read_image
 
 LOG = "log.jsonl"
 FORMAT = 1
+
+PATIENCE = 30.0
+"""Seconds to wait while another process accepts."""
 
 _OF_JUDGEMENT = ("truth", "reason", "tolerance", "mask", "baselines", "allow_external")
 """Parts of a case's description that its render does not depend on."""
@@ -153,55 +158,107 @@ class Store:
     def _pending(self, name: str) -> Path:
         return self.folder / f".{name}.accepted.exr"
 
-    def accept(self, name: str, image: Path, provenance: Mapping[str, Any], reason: str | None) -> None:
+    def standing(self, name: str) -> str:
+        """The digest of what is recorded of a case's stored image; empty where there is none.
+
+        Two records differ even where one image was accepted twice.
+        """
+        path = self.paths(name)[1]
+        return hashlib.sha256(_bytes(path)).hexdigest() if path.is_file() else ""
+
+    def accept(
+        self,
+        name: str,
+        image: Path,
+        provenance: Mapping[str, Any],
+        reason: str | None,
+        replaces: str | None = None,
+    ) -> None:
         """Make an image file the baseline of a case, and record it.
 
         Args:
             image: an EXR file.
             provenance: what it was made of and with; `inputs` is the case's fingerprint.
+            replaces: the `standing` that whoever accepts has seen; by default that at this call.
 
         Raises:
-            MrmError: it cannot be read or written.
+            MrmError: it cannot be read or written, or another acceptance came first: then nothing is changed.
         """
         contents = _bytes(image)
-        accepted = {"who": _who(), "when": _now(), "why": reason}
+        seen = self.standing(name) if replaces is None else replaces
         digest = hashlib.sha256(contents).hexdigest()
+        accepted = _decision(reason)
         record = {"format": FORMAT, "case": name, "sha256": digest, "accepted": accepted, **provenance}
         path, beside = self.paths(name)
         pending = self._pending(name)
-        with self._log("accept", name, digest, accepted):
-            self._finish(name)
+        with self._deciding("accept", name, digest, accepted) as log:
+            self._finish(name, log)
+            if self.standing(name) != seen:
+                raise MrmError(f"{name}: {self._rival(name)}: look at that image, run again, and then accept")
             # The provenance is what decides: until it is replaced the old image counts, and from then on the new.
             try:
-                with pending.open("wb") as file:
-                    file.write(contents)
-                    file.flush()
-                    os.fsync(file.fileno())
-                write_text(beside, json.dumps(record, indent=2) + "\n")
-            except (OSError, MrmError):
-                pending.unlink(missing_ok=True)
+                write_durably(pending, contents)
+                write_durably(beside, (json.dumps(record, indent=2) + "\n").encode())
+            except OSError:
+                if self._digest(name) != digest:
+                    pending.unlink(missing_ok=True)
                 raise
-            pending.replace(path)
+            replace_durably(pending, path)
 
-    def _finish(self, name: str) -> None:
-        """Put an image in its place that an acceptance which was cut short left under the second name."""
-        with suppress(MrmError):
-            if self._image(name, self.provenance(name)["sha256"]) == self._pending(name):
-                self._pending(name).replace(self.paths(name)[0])
+    def _rival(self, name: str) -> str:
+        """Who accepted another image meanwhile."""
+        try:
+            accepted = self.provenance(name)["accepted"]
+        except MrmError:
+            return "its baseline was removed or damaged meanwhile"
+        return f"{accepted.get('who')} accepted another image meanwhile ({accepted.get('when')})"
+
+    def _digest(self, name: str) -> str:
+        """Of the image that is accepted; empty where none is, or its record is damaged."""
+        try:
+            return str(self.provenance(name)["sha256"])
+        except MrmError:
+            return ""
+
+    def _finish(self, name: str, log: int) -> None:
+        """Put an image in its place, and its decision into the log, that an acceptance which was cut short left."""
+        try:
+            record = self.provenance(name)
+        except MrmError:
+            return
+        if self._image(name, record["sha256"]) == self._pending(name):
+            replace_durably(self._pending(name), self.paths(name)[0])
+        number = record["accepted"].get("number")
+        if number and str(number).encode() not in _bytes(self.folder / LOG):
+            _append(log, "accept", name, record["sha256"], record["accepted"])
 
     @contextmanager
-    def _log(self, what: str, name: str, digest: str, decision: Mapping[str, Any]) -> Iterator[None]:
-        """Append a decision to the log once the block has carried it out.
+    def _deciding(self, what: str, name: str, digest: str, decision: Mapping[str, Any]) -> Iterator[int]:
+        """Be the only one who decides in this folder; append the decision to the log once the block has carried it out.
 
         Raises:
-            MrmError: the folder or the log cannot be written; then before the block.
+            MrmError: the folder or the log cannot be written, or somebody else decides for too long; then before
+                the block.
         """
-        line = json.dumps({"what": what, "case": name, "sha256": digest, **decision}) + "\n"
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with (self.folder / LOG).open("a", encoding="utf-8") as log:
-                yield
-                log.write(line)
+            if not self.folder.is_dir():
+                self.folder.mkdir(parents=True, exist_ok=True)
+                sync_folder(self.folder.parent)
+            log = os.open(self.folder / LOG, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            try:
+                if not lock(log, PATIENCE):
+                    raise MrmError(
+                        f"{self.folder}: somebody else has been accepting there for {PATIENCE:g} s; try again"
+                    )
+                yield log
+                try:
+                    _append(log, what, name, digest, decision)
+                except OSError as error:
+                    raise MrmError(
+                        f"{self.folder / LOG}: {name}: the {what} counts, but could not be logged: {error.strerror}"
+                    ) from None
+            finally:
+                os.close(log)
         except OSError as error:
             raise MrmError(f"{self.folder}: cannot be written: {error.strerror}") from None
 
@@ -211,8 +268,7 @@ class Store:
         Raises:
             MrmError: the image cannot be read, or the log cannot be written.
         """
-        decision = {"who": _who(), "when": _now(), "why": reason}
-        with self._log("reject", name, hashlib.sha256(_bytes(image)).hexdigest(), decision):
+        with self._deciding("reject", name, hashlib.sha256(_bytes(image)).hexdigest(), _decision(reason)):
             pass
 
     def decisions(self) -> Iterator[dict[str, Any]]:
@@ -230,6 +286,22 @@ class Store:
 
 
 _RESTORE = "restore it, or accept a new one with `mrm-nodes baseline accept`"
+
+
+def _append(log: int, what: str, name: str, digest: str, decision: Mapping[str, Any]) -> None:
+    """Raises OSError where there is no room."""
+    line = (json.dumps({"what": what, "case": name, "sha256": digest, **decision}) + "\n").encode()
+    size = os.fstat(log).st_size
+    if size and os.pread(log, 1, size - 1) != b"\n":  # the line before was cut short
+        line = b"\n" + line
+    if os.write(log, line) != len(line):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    os.fsync(log)
+
+
+def _decision(reason: str | None) -> dict[str, Any]:
+    """Who decided, when and why, and a number that no other decision has."""
+    return {"who": _who(), "when": _now(), "why": reason, "number": uuid.uuid4().hex}
 
 
 def _who() -> str:

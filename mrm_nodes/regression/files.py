@@ -1,9 +1,13 @@
-"""Files that appear complete or not at all."""
+"""Files that appear complete or not at all, and files that one process holds at a time."""
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import os
 import tempfile
+import time
+import uuid
 from pathlib import Path
 
 from mrm_nodes.errors import MrmError
@@ -16,18 +20,85 @@ def write_text(path: Path, text: str) -> None:
         MrmError: it cannot be written.
     """
     try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+        _write(path, text.encode(), durably=False)
     except OSError as error:
         raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def write_durably(path: Path, contents: bytes) -> None:
+    """Write a file that appears complete or not at all, and that a power cut after this does not take away.
+
+    Raises:
+        OSError: it cannot be written; what was there before is still there, unless it was only the folder that
+            could not be written through to the disk.
+    """
+    _write(path, contents, durably=True)
+
+
+def _write(path: Path, contents: bytes, durably: bool) -> None:
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}")
     try:
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            file.write(text)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except OSError as error:
-        raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
+        with temporary.open("xb") as file:
+            file.write(contents)
+            if durably:
+                file.flush()
+                os.fsync(file.fileno())
+        if durably:
+            replace_durably(temporary, path)
+        else:
+            temporary.replace(path)
     finally:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
+
+
+def replace_durably(old: Path, new: Path) -> None:
+    """Rename a file whose contents are on the disk, over another if there is one, so that a power cut keeps the name.
+
+    Raises:
+        OSError: it cannot be renamed, or the folder not be written through to the disk.
+    """
+    old.replace(new)
+    sync_folder(new.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the disk hold the names that a folder has.
+
+    Raises:
+        OSError: it cannot.
+    """
+    file = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a file system that has no such thing
+            raise
+    finally:
+        os.close(file)
+
+
+def lock(file: int, patience: float = 0.0) -> bool:
+    """Take the lock of an open file, which goes with its descriptor or with the process: it is never stale.
+
+    Args:
+        file: the descriptor.
+        patience: seconds to wait for whoever has it.
+
+    Returns:
+        False where somebody has it still.
+
+    Raises:
+        OSError: the file system has no locks.
+    """
+    end = time.monotonic() + patience
+    while True:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            return True
+        except BlockingIOError:
+            if time.monotonic() >= end:
+                return False
+            time.sleep(0.005)
 
 
 def prepare_folder(folder: Path) -> None:

@@ -7,7 +7,6 @@ checksum. A line that a kill tore off, or that was damaged later, is no line; it
 from __future__ import annotations
 
 import errno
-import fcntl
 import functools
 import json
 import os
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.files import write_text
+from mrm_nodes.regression.files import lock, write_text
 from mrm_nodes.regression.outcome import Outcome, as_record, from_record
 
 NAME = "journal"
@@ -177,16 +176,15 @@ def locked(folder: Path) -> Iterator[None]:
         raise MrmError(f"{folder}: cannot be written: {error.strerror}; choose another with -o") from None
     try:
         try:
-            # The kernel drops the lock with the process: a lock is never stale.
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            free = lock(file)
+        except OSError as error:
+            raise MrmError(f"{folder}: cannot be locked: {error.strerror}; choose another with -o") from None
+        if not free:
             owner = os.pread(file, 20, 0).decode(errors="replace").strip() or "unknown"
             raise MrmError(
                 f"{folder}: another run is writing there (process {owner}); wait for it, "
                 "or choose another folder with -o"
-            ) from None
-        except OSError as error:
-            raise MrmError(f"{folder}: cannot be locked: {error.strerror}; choose another with -o") from None
+            )
         os.ftruncate(file, 0)
         os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
         yield

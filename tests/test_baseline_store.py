@@ -62,7 +62,7 @@ def test_of_two_processes_that_accept_under_one_name_one_wins_each_time(tmp_path
     store = Store(tmp_path / "baselines")
     decisions = list(store.decisions())
     assert len(decisions) == len({each["number"] for each in decisions}) == ROUNDS
-    assert sorted(os.listdir(store.folder)) == ["a.exr", "a.json", LOG]
+    assert sorted(path.name for path in store.folder.iterdir()) == ["a.exr", "a.json", LOG]
     assert (store.read("a") == float(decisions[-1]["why"])).all()
 
 
@@ -155,7 +155,7 @@ def test_a_power_cut_leaves_the_old_image_or_the_new_one(tmp_path: Path, monkeyp
     states: list[dict[str, bytes]] = []
 
     def sync(handle: int) -> None:
-        path = Path(os.readlink(f"/proc/self/fd/{handle}"))
+        path = Path(f"/proc/self/fd/{handle}").readlink()
         states.extend(disk.after_a_power_cut())
         disk.synced(path)
         states.extend(disk.after_a_power_cut())

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-import xml.parsers.expat
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import MaterialX as mx
@@ -13,74 +12,24 @@ import MaterialX as mx
 from mrm_nodes import library
 from mrm_nodes.errors import MrmError
 
-DEEPEST = 100
-"""Elements within elements: MaterialX's own reader has no limit but the stack."""
-LARGEST = 64 << 20
-"""Bytes of a document."""
-
 FLAG = "--allow-external"
 
 _LIBRARIES = ("libraries", "mtlx", "glsl")
 """Folders of node libraries: MaterialX's, and ours."""
 
 
-def check_includes(path: Path, allow_external: bool = False) -> list[Path]:
-    """The documents that a .mtlx file includes, all the way down, itself first: before MaterialX reads any of them.
+def included_file(name: str, including: Path, folders: Iterable[Path], allow_external: bool) -> Path:
+    """The file that a document includes by a name: beside it, in one of the folders, or where MaterialX looks.
 
     Raises:
-        MrmError: one is not XML, is nested too deeply, has a document type, or includes a file from outside.
+        MrmError: there is none, or it lies outside of the last folder and the node libraries.
     """
-    return list(_included(path, path.resolve().parent, allow_external, ()))
-
-
-def _included(path: Path, folder: Path, allow_external: bool, above: tuple[Path, ...]) -> Iterator[Path]:
-    if path.resolve() in above:
-        raise MrmError(f"{path}: includes itself")
-    yield path
-    for name in _include_names(path):
-        found = _candidates(name, folder, path.parent)
-        if not found:
-            raise MrmError(f"{path}: includes {name}, which does not exist")
-        for file in found:
-            _check_inside(file, name, str(path), folder, allow_external)
-            yield from _included(file, folder, allow_external, (*above, path.resolve()))
-
-
-def _include_names(path: Path) -> list[str]:
-    """What a document's `xi:include` elements name."""
-    names: list[str] = []
-    depth = 0
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        nonlocal depth
-        depth += 1
-        if depth > DEEPEST:
-            raise MrmError(f"{path}: more than {DEEPEST} elements within each other")
-        if tag == "xi:include":
-            names.append(attributes.get("href", ""))
-
-    def end(tag: str) -> None:
-        nonlocal depth
-        depth -= 1
-
-    def doctype(*what: object) -> None:
-        # Its entities would name files that only one of two readers sees.
-        raise MrmError(f"{path}: has a document type (<!DOCTYPE …>), which no MaterialX document needs")
-
-    parser = xml.parsers.expat.ParserCreate()
-    parser.StartElementHandler, parser.EndElementHandler = start, end
-    parser.StartDoctypeDeclHandler = doctype
-    try:
-        if path.stat().st_size > LARGEST:
-            raise MrmError(f"{path}: larger than {LARGEST >> 20} MiB, which is no material")
-        parser.Parse(path.read_bytes(), True)
-    except OSError as error:
-        raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
-    except xml.parsers.expat.ExpatError as error:
-        raise MrmError(f"{path}: not a MaterialX document: line {error.lineno}: {error}") from None
-    except (ValueError, LookupError) as error:  # an encoding that Python does not have
-        raise MrmError(f"{path}: not a MaterialX document: {error}") from None
-    return names
+    folders = [including.parent, *folders]
+    found = next(iter(_candidates(name, *folders)), None)
+    if found is None:
+        raise MrmError(f"{including}: includes {name}, which does not exist")
+    _check_inside(found, name, str(including), folders[-1], allow_external)
+    return found
 
 
 def is_file(path: Path) -> bool:
@@ -90,9 +39,7 @@ def is_file(path: Path) -> bool:
 
 def _candidates(name: str, *folders: Path) -> list[Path]:
     """Every file that MaterialX could take for a name; at last, one relative to where the program runs."""
-    found = [
-        root / name for root in (*folders, *_search_folders(), Path()) if name and (root / name).is_file()
-    ]
+    found = [root / name for root in (*folders, *_search_folders(), Path()) if name and is_file(root / name)]
     return list({os.path.realpath(file): file for file in reversed(found)}.values())[::-1]
 
 
@@ -151,12 +98,6 @@ def _filenames(document: mx.Document) -> Iterator[mx.ValueElement]:
     for element in document.traverseTree():
         if isinstance(element, mx.ValueElement) and element.getType() == "filename":
             yield element
-
-
-def files_of(path: Path, document: mx.Document) -> list[Path]:
-    """Every file of a material: its documents and its images."""
-    files = [*check_includes(path, True), *check_images(document, path, True)]
-    return list(dict.fromkeys(Path(os.path.abspath(file)) for file in files))  # noqa: PTH100
 
 
 def move_images(document: mx.Document, old: Path, new: Path) -> None:

@@ -468,7 +468,7 @@ class _Maker:
         _, wrong = self._elements(material)
         if wrong:
             return (os.path.normpath(material),)
-        found = external.files_of(self._folder / material, self._document(material))
+        found = documents.files_of(self._folder / material, self._document(material))
         return tuple(os.path.relpath(path, self._folder) for path in found)
 
     def _unknown(

@@ -17,7 +17,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes import external, shadergen
+from mrm_nodes import documents, shadergen
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.files import write_text
@@ -129,7 +129,7 @@ def picture(
     known = materials_of(document, case.material)
     if element is None and len(known) > 1:
         raise MrmError(f"{case.material} has several materials; name one: element={' or '.join(known)}")
-    files = external.files_of(folder / case.material, document)
+    files = documents.files_of(folder / case.material, document)
     depends = tuple(os.path.relpath(path, folder) for path in files)
     return Picture(replace(case, element=element or known[0], depends=depends), backend)
 

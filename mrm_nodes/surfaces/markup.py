@@ -1,22 +1,18 @@
-"""XML text with the byte positions of its elements, so that an edit leaves every other byte as it was."""
+"""XML text with the positions of its elements, so that an edit leaves every other character as it was."""
 
 from __future__ import annotations
 
-import re
-import xml.parsers.expat
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from xml.sax.saxutils import quoteattr
 
+from mrm_nodes import xmltext
 from mrm_nodes.errors import MrmError
-
-#: One attribute of a start tag; nothing else can match between the name and the end of a tag that was parsed.
-_ATTRIBUTE = re.compile(rb"""\s+([^\s=]+)\s*=\s*("[^"]*"|'[^']*')""")
 
 
 @dataclass
 class Tag:
-    """An element and where its bytes are: `<name …>` from start to start_end, `</name>` from end to end_end.
+    """An element and where its text is: `<name …>` from start to start_end, `</name>` from end to end_end.
 
     An empty element, `<name …/>`, has no end tag: end and end_end are start_end.
     """
@@ -44,98 +40,65 @@ class Tag:
         )
 
 
-def parse(text: bytes, where: str) -> Tag:
-    """Return the root element of an XML text in UTF-8.
+def parse(text: str, where: str) -> Tag:
+    """Return the root element of an XML text: the first `materialx` as in MaterialX, else the first of all.
 
     Raises:
-        MrmError: not XML, or in an encoding whose markup is not ASCII.
+        MrmError: not XML as MaterialX reads it.
     """
-    parser = xml.parsers.expat.ParserCreate()
-    if text[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise MrmError(f"{where}: is encoded as UTF-16; save it as UTF-8")
-    root: Tag | None = None
+    roots: list[Tag] = []
     current: Tag | None = None
-
-    def on_start(name: str, attributes: dict[str, str]) -> None:
-        nonlocal root, current
-        start = parser.CurrentByteIndex
-        start_end = _end_of_tag(text, start)
-        is_empty = text[start_end - 2 : start_end] == b"/>"
-        tag = Tag(name, attributes, start, start_end, is_empty, current)
-        if current is None:
-            root = tag
-        else:
-            current.children.append(tag)
-        current = tag
-
-    def on_end(name: str) -> None:
-        nonlocal current
-        assert current is not None
-        current.end = current.start_end if current.is_empty else parser.CurrentByteIndex
-        current.end_end = current.end if current.is_empty else text.index(b">", current.end) + 1
-        current = current.parent
-
-    parser.StartElementHandler = on_start
-    parser.EndElementHandler = on_end
-    try:
-        parser.Parse(text, True)
-    except xml.parsers.expat.ExpatError as error:
-        message = xml.parsers.expat.ErrorString(error.code)
-        raise MrmError(f"{where}: line {error.lineno}: not XML: {message}") from None
-    assert root is not None
-    return root
-
-
-def _end_of_tag(text: bytes, start: int) -> int:
-    """Return the position after the `>` that closes the tag at `start`; one in quotes does not."""
-    quote = None
-    for position in range(start, len(text)):
-        byte = text[position : position + 1]
-        if quote is not None:
-            quote = None if byte == quote else quote
-        elif byte in (b'"', b"'"):
-            quote = byte
-        elif byte == b">":
-            return position + 1
-    raise AssertionError("the parser saw the end of this tag")
+    for token in xmltext.tokens(text, where):
+        if token.opens:
+            attributes = xmltext.attributes_of(token.attributes)
+            tag = Tag(token.name, attributes, token.start, token.end, token.closes, current)
+            (roots if current is None else current.children).append(tag)
+            tag.end = tag.end_end = token.end
+            if not tag.is_empty:
+                current = tag
+        elif token.closes and current is not None:
+            current.end, current.end_end = token.start, token.end
+            current = current.parent
+    if not roots:
+        raise MrmError(f"{where}: not XML: there is no element in it")
+    return next((root for root in roots if root.name == "materialx"), roots[0])
 
 
 class Edits:
-    """Replacements of byte ranges of one text, applied together."""
+    """Replacements of ranges of one text, applied together."""
 
-    def __init__(self, text: bytes) -> None:
+    def __init__(self, text: str) -> None:
         self._text = text
-        self._edits: list[tuple[int, int, bytes]] = []
+        self._edits: list[tuple[int, int, str]] = []
 
     def replace(self, start: int, end: int, new: str) -> None:
-        """Replace the bytes from start to end."""
-        self._edits.append((start, end, new.encode("utf-8")))
+        """Replace the characters from start to end."""
+        self._edits.append((start, end, new))
 
     def rename(self, tag: Tag, name: str) -> None:
         """Rename an element in its start and end tag."""
-        length = len(tag.name.encode("utf-8"))
+        length = len(tag.name)
         self.replace(tag.start + 1, tag.start + 1 + length, name)
         if not tag.is_empty:
             self.replace(tag.end + 2, tag.end + 2 + length, name)
 
     def set_attribute(self, tag: Tag, name: str, value: str) -> None:
         """Change the value of an attribute that the element has, or add it after the others."""
-        length = len(tag.name.encode("utf-8"))
-        position = tag.start + 1 + length
-        while found := _ATTRIBUTE.match(self._text, position, tag.start_end):
-            position = found.end()
-            if found[1].decode("utf-8") == name:
-                self.replace(found.start(2), found.end(2), quoteattr(value))
+        begin = position = tag.start + 1 + len(tag.name)
+        for present, start, end in xmltext.attribute_spans(self._text[begin : tag.start_end]):
+            position = begin + end
+            if present == name:
+                self.replace(begin + start, position, quoteattr(value))
                 return
         self.replace(position, position, f" {name}={quoteattr(value)}")
 
     def add_child(self, tag: Tag, child: str) -> None:
         """Add an element after the last child of `tag`, indented like it."""
-        newline = "\r\n" if b"\r\n" in self._text else "\n"
+        newline = "\r\n" if "\r\n" in self._text else "\n"
         own = self.indentation(tag)
         inner = own + self._step(tag)
         if tag.is_empty:
-            slash = self._text.rindex(b"/", tag.start, tag.start_end)
+            slash = self._text.rindex("/", tag.start, tag.start_end)
             body = len(self._text[:slash].rstrip())
             self.replace(
                 body, tag.start_end, f">{newline}{inner}{child}{newline}{own}</{self._name_of(tag)}>"
@@ -148,12 +111,12 @@ class Edits:
 
     def add_before(self, tag: Tag, sibling: str) -> None:
         """Add an element before `tag`, indented like it."""
-        newline = "\r\n" if b"\r\n" in self._text else "\n"
+        newline = "\r\n" if "\r\n" in self._text else "\n"
         self.replace(tag.start, tag.start, f"{sibling}{newline}{self.indentation(tag)}")
 
     def indentation(self, tag: Tag) -> str:
         """Return the white space before the element on its line."""
-        line = self._text[self._text.rfind(b"\n", 0, tag.start) + 1 : tag.start].decode("utf-8")
+        line = self._text[self._text.rfind("\n", 0, tag.start) + 1 : tag.start]
         return line if not line.strip() else ""
 
     def _step(self, tag: Tag) -> str:
@@ -168,12 +131,12 @@ class Edits:
         """Return the element's name as it will be once it is renamed."""
         position = tag.start + 1
         renamed = next((new for start, _, new in self._edits if start == position), None)
-        return tag.name if renamed is None else renamed.decode("utf-8")
+        return tag.name if renamed is None else renamed
 
-    def apply(self) -> bytes:
+    def apply(self) -> str:
         """Return the text with every edit made; edits at one place keep the order in which they came."""
         parts, position = [], 0
         for start, end, new in sorted(self._edits, key=lambda edit: (edit[0], edit[1])):
             parts += [self._text[position:start], new]
             position = end
-        return b"".join([*parts, self._text[position:]])
+        return "".join([*parts, self._text[position:]])

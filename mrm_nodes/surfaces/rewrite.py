@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import MaterialX as mx
 
-from mrm_nodes import documents, library
+from mrm_nodes import documents, library, xmltext
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.surfaces.markup import Edits, Tag, parse
 from mrm_nodes.surfaces.substitution import SUBSTITUTES, SWITCH, WEIGHT, Surface, known_surfaces
@@ -63,8 +63,9 @@ def retrofit_text(
     """
     weights = dict(weights or {})
     _check_weights(weights)
-    root = parse(text, where)
-    edits = Edits(text)
+    content, codec = xmltext.decode(text, where)
+    root = parse(content, where)
+    edits = Edits(content)
     changed, used = [], set()
     for tag in root.walk():
         if tag.name == "nodedef" and tag.attributes.get("node") in _our_nodes():
@@ -84,7 +85,8 @@ def retrofit_text(
         raise MrmError(f"{where}: {_why_nothing(root)}")
     for unused in sorted(set(weights) - used):
         raise MrmError(f"{where}: no surface in it has an input {unused}")
-    return edits.apply(), changed
+    # Nothing that an edit adds is beyond ASCII but names that the document has.
+    return edits.apply().encode(codec), changed
 
 
 def write_whole(target: Path, content: bytes) -> None:
@@ -210,9 +212,7 @@ def _has_relative_textures(document: mx.Document) -> bool:
 
 def _check_result(document: mx.Document, text: bytes, where: str) -> None:
     """Check that a document that was valid still is."""
-    result = mx.createDocument()
-    folder = Path(where).resolve().parent
-    mx.readFromXmlString(result, text.decode("utf-8"), mx.FileSearchPath(str(folder)))
+    result = documents.parse_document(text, Path(where))
     result.setDataLibrary(library.shared_library())
     valid, message = result.validate()
     if not valid and document.validate()[0]:

@@ -85,8 +85,7 @@ def retrofit_text(
         raise MrmError(f"{where}: {_why_nothing(root)}")
     for unused in sorted(set(weights) - used):
         raise MrmError(f"{where}: no surface in it has an input {unused}")
-    # Nothing that an edit adds is beyond ASCII but names that the document has.
-    return edits.apply().encode(codec), changed
+    return edits.apply().encode(codec, "xmlcharrefreplace"), changed
 
 
 def write_whole(target: Path, content: bytes) -> None:

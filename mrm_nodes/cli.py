@@ -97,7 +97,10 @@ cli.add_command(merge)
     "-o", "--output", type=Path, required=True, help="Image to write: .exr (float32, linear) or .png (sRGB)."
 )
 @click.option(
-    "--mesh", default="sphere", show_default=True, help="sphere, plane, baluster, or an .obj or .glb file."
+    "--mesh",
+    default="sphere",
+    show_default=True,
+    help="sphere, plane, baluster, or an .obj, .gltf or .glb file.",
 )
 @click.option(
     "--light",

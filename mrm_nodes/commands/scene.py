@@ -12,7 +12,9 @@ from mrm_nodes.errors import MrmError
 @click.command()
 @click.argument("name", metavar="cone|vest|road|figure3|figure5")
 @click.option("-o", "--output", type=Path, required=True, help="Image to write: .png.")
-@click.option("--mesh", help="For the figures: sphere, plane, baluster, or an .obj or .glb file of yours.")
+@click.option(
+    "--mesh", help="For the figures: sphere, plane, baluster, or an .obj, .gltf or .glb file of yours."
+)
 @click.option(
     "--scale", type=click.FloatRange(0.05, 8.0), default=1.0, show_default=True, help="Size of the picture."
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,7 +27,7 @@ from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment, find_environment
 from mrm_nodes.render.images import read_image
 from mrm_nodes.render.mesh import BUILT_IN, Mesh
-from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.meshfile import load_mesh, mesh_files
 from mrm_nodes.render.renderer import RenderedImage
 from mrm_nodes.render.scene import Camera, Framing, Light
 from mrm_nodes.render.uniforms import uniforms_of
@@ -124,7 +125,7 @@ class MaterialCase:
         """The files that the render depends on."""
         names = [*self.depends]
         if self.mesh not in BUILT_IN:
-            names.append(self.mesh)
+            names += [os.path.relpath(file, self.root) for file in mesh_files(self.root / self.mesh)]
         if self.environment is not None and not _is_built_in(self.environment):
             names.append(self.environment.name)
         return tuple(self.root / name for name in dict.fromkeys(names))

@@ -43,6 +43,7 @@ from mrm_nodes.regression.suitetable import (
 from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 from mrm_nodes.render.mesh import BUILT_IN
+from mrm_nodes.render.meshfile import MESH_SUFFIXES
 from mrm_nodes.render.scene import (
     CAMERA_SYNTAX,
     LIGHT_SYNTAX,
@@ -373,10 +374,10 @@ class _Maker:
         file = self._table.meshes.get(name, name)
         if file in BUILT_IN:
             return file
-        if external.is_file(self._folder / file) and Path(file).suffix.lower() in (".obj", ".glb"):
+        if external.is_file(self._folder / file) and Path(file).suffix.lower() in MESH_SUFFIXES:
             return file
         if name in self._table.meshes or Path(name).suffix:
-            raise MrmError(f"no mesh file {file} (.obj, .glb) beside the suite")
+            raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite")
         raise MrmError(f"unknown mesh {name}; {suggestion(name, [*BUILT_IN, *self._table.meshes])}")
 
     def _camera(self, name: str) -> Camera | Framing:

@@ -64,6 +64,11 @@ _MAIN = re.compile(r"^void main\(\)", re.MULTILINE)
 _OUTPUT = re.compile(r"^out vec4 (\w+);", re.MULTILINE)
 _VERTEX_DATA = re.compile(r"^in VertexData\s*\{([^}]*)\}\s*(\w+);", re.MULTILINE)
 _MEMBER = re.compile(r"^\s*(?:flat\s+)?(\w+)\s+(\w+)\s*;", re.MULTILINE)
+_MATERIALX_MAIN = re.compile(r"^void mrm_materialx_main\(\)", re.MULTILINE)
+#: How MaterialX's vertex stage makes a bitangent: its sign is not part of it.
+_BITANGENT = re.compile(r"(\bbitangent(?:World|Object) = )(?=cross\()")
+#: The vertex attribute that turns bitangents.
+BITANGENT_SIGN = "i_mrm_bitangent_sign"
 _UNIFORM_VALUE = re.compile(r"^(uniform [^=;]*?)\s*=[^;]*;", re.MULTILINE)
 
 #: The types of vertex data, and how many floats hold one.
@@ -215,6 +220,10 @@ def _vertex_stage(source: str, data: _VertexData, *, points: bool) -> str:
         declared.append("uniform ivec2 mrm_grid;")
         computed.append(_POINT_PLACEMENT)
     source = _MAIN.sub("void mrm_materialx_main()", _without_values(source))
+    if not points:
+        source, turned = _BITANGENT.subn(rf"\1{BITANGENT_SIGN} * ", source)
+        if turned:
+            source = _MATERIALX_MAIN.sub(rf"in float {BITANGENT_SIGN};\n\g<0>", source)
     # Two streams may need the same matrix.
     declared = list(dict.fromkeys(declared))
     return source + "\n".join(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,16 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.render.scene import Vec3
 
 Floats = NDArray[np.float32]
+
+
+class Part(NamedTuple):
+    """A part of a file's mesh as it was read."""
+
+    streams: dict[str, NDArray[Any]]
+    """Vertex data (n, k) by MaterialX's names (`position`, `normal`, `tangent`, `texcoord_0`, `color_0`, …,
+    `geomprop_NAME`), and `bitangent_sign`."""
+    triangles: NDArray[np.int64]
+    """(m, 3)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +38,8 @@ class Mesh:
         indices: (m, 3), counter-clockwise seen from outside.
         colors: (n, 4), or None for white.
         geomprops: further vertex data by the name that a `geompropvalue` node gives, (n,) or (n, k).
+        bitangent_signs: (n, 1), 1 or -1: the bitangent is this times normal × tangent; None for 1.
+        sets: further sets by MaterialX's names, `texcoord_1` (n, 2) or `color_1` (n, 4) and so on.
 
     Raises:
         MrmError: an empty mesh, a wrong shape, NaN, or an index of a vertex that does not exist.
@@ -41,6 +53,8 @@ class Mesh:
     indices: NDArray[Any]
     colors: NDArray[Any] | None = None
     geomprops: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    bitangent_signs: NDArray[Any] | None = None
+    sets: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         indices = np.asarray(self.indices).reshape(-1, 3)
@@ -55,7 +69,14 @@ class Mesh:
             self._keep(name, self._vertex_data(name, getattr(self, name), width))
         if self.colors is not None:
             self._keep("colors", self._vertex_data("colors", self.colors, 4))
+        if self.bitangent_signs is not None:
+            self._keep("bitangent_signs", self._vertex_data("bitangent_signs", self.bitangent_signs, 1))
+        sets = {
+            name: self._vertex_data(name, data, 4 if name.startswith("color") else 2)
+            for name, data in self.sets.items()
+        }
         geomprops = {name: self._vertex_data(name, data, None) for name, data in self.geomprops.items()}
+        object.__setattr__(self, "sets", sets)
         object.__setattr__(self, "geomprops", geomprops)
 
     def _keep(self, name: str, array: NDArray[Any]) -> None:

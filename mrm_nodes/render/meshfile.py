@@ -1,32 +1,34 @@
-"""Meshes from the user's .obj and .glb files, through MaterialX's own loaders.
-
-Those loaders read past the end of their buffers where a file refers to data that it lacks, and crash or go on
-with garbage: the files are checked here before a loader sees them.
-"""
+"""Meshes from the user's .obj, .gltf and .glb files, completed with what they lack."""
 
 from __future__ import annotations
 
-import json
 import os
-import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import MaterialX as mx
-import MaterialX.PyMaterialXRender as mx_render
 import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.render.mesh import BUILT_IN, Mesh, merge, normalized
+from mrm_nodes.render.gltffile import buffer_files, read_gltf_mesh
+from mrm_nodes.render.mesh import BUILT_IN, Mesh, Part, normalized
+from mrm_nodes.render.objfile import read_obj_mesh
+
+_READERS: dict[str, Callable[[Path], list[Part]]] = {
+    ".obj": read_obj_mesh,
+    ".gltf": read_gltf_mesh,
+    ".glb": read_gltf_mesh,
+}
+MESH_SUFFIXES = tuple(_READERS)
 
 
 def load_mesh(name_or_path: str | os.PathLike[str]) -> Mesh:
-    """Return a built-in mesh (`sphere`, `plane`, `baluster`), or read an .obj or .glb file as one mesh.
+    """Return a built-in mesh (`sphere`, `plane`, `baluster`), or read an .obj, .gltf or .glb file as one mesh.
 
-    Warns (MrmWarning) where the file has no normals or texture coordinates: they are generated.
+    Warns (MrmWarning) where the file has no normals or texture coordinates, which are made, and of what it has and
+    is not read or drawn.
 
     Raises:
         MrmError: an unknown name or ending, a file that is missing or malformed, an empty mesh, NaN, or an
@@ -36,244 +38,184 @@ def load_mesh(name_or_path: str | os.PathLike[str]) -> Mesh:
     if name in BUILT_IN:
         return BUILT_IN[name]()
     file = Path(name)
-    loaders = {".obj": (mx_render.TinyObjLoader, _check_obj), ".glb": (mx_render.CgltfLoader, _check_glb)}
-    if file.suffix.lower() not in loaders:
-        raise MrmError(f"{name}: unknown mesh; give an .obj or .glb file, or one of {', '.join(BUILT_IN)}")
+    if file.suffix.lower() not in _READERS:
+        raise MrmError(
+            f"{name}: unknown mesh; give an .obj, .gltf or .glb file, or one of {', '.join(BUILT_IN)}"
+        )
     if not file.is_file():
         raise MrmError(f"{file}: no such mesh file")
-    loader, check = loaders[file.suffix.lower()]
-    try:
-        lacks_normals, lacks_texcoords = check(file)
-    except OSError as error:
-        raise MrmError(f"{file}: cannot be read: {error.strerror}") from None
-    handler = mx_render.GeometryHandler.create()
-    handler.addLoader(loader.create())
-    # MaterialX's v grows upwards and glTF's downwards: not asking for a flip keeps MaterialX's.
-    if not handler.loadGeometry(mx.FilePath(str(file)), False):
-        raise MrmError(f"{file}: MaterialX cannot read this mesh")
-    parts = [part for mesh in handler.getMeshes() for part in _parts(mesh)]
+    parts = _READERS[file.suffix.lower()](file)
     if not parts:
         raise MrmError(f"{file}: the mesh is empty: it has no triangles")
-    made = [
-        what
-        for what, missing in (("normals", lacks_normals), ("texture coordinates", lacks_texcoords))
-        if missing
-    ]
-    if made:
-        warnings.warn(f"{file}: the mesh has no {' and no '.join(made)}; made some", MrmWarning, stacklevel=2)
-    return _completed(merge(str(file), parts))
+    return _completed(_joined(parts, str(file)), str(file))
 
 
-def _parts(mesh: Any) -> Iterator[dict[str, NDArray[Any]]]:
-    indices = [np.array(mesh.getPartition(i).getIndices(), np.int64) for i in range(mesh.getPartitionCount())]
-    triangles = np.concatenate([*indices, np.empty(0, np.int64)]).reshape(-1, 3)
-    if not len(triangles):
-        return
-    count = len(_stream(mesh, "i_position", 3))
-    part = {"positions": _stream(mesh, "i_position", 3), "indices": triangles}
-    for name, stream, width in (
-        ("normals", "i_normal", 3),
-        ("tangents", "i_tangent", 3),
-        ("texcoords", "i_texcoord_0", 2),
+def mesh_files(file: Path) -> list[Path]:
+    """Return the files that a mesh is read from: itself, and the buffers of a glTF file beside it."""
+    return [file, *(buffer_files(file) if _READERS.get(file.suffix.lower()) is read_gltf_mesh else ())]
+
+
+def _joined(parts: list[Part], where: str) -> Part:
+    """Join parts; what some of them lack is 0 there, NaN for texture coordinates, white for colours."""
+    widths: dict[str, int] = {}
+    for part in parts:
+        for name, data in part.streams.items():
+            widths[name] = max(widths.get(name, 0), data.shape[1])
+    counts = [len(part.streams["position"]) for part in parts]
+    streams = {}
+    for name, width in widths.items():
+        lacking = np.nan if name == "texcoord_0" else 1.0 if name.startswith("color") else 0.0
+        pieces = [np.full((count, width), lacking) for count in counts]
+        for part, piece in zip(parts, pieces, strict=True):
+            if name in part.streams:
+                piece[:, : part.streams[name].shape[1]] = part.streams[name]
+        further = name.startswith(("geomprop", "texcoord")) and name != "texcoord_0"
+        if further and any(name not in part.streams for part in parts):
+            _warn(f"{where}: part of the mesh has no {name}; it is 0 there")
+        streams[name] = np.concatenate(pieces)
+    offsets = np.cumsum([0, *counts[:-1]])
+    triangles = [part.triangles + offset for part, offset in zip(parts, offsets, strict=True)]
+    return Part(streams, np.concatenate(triangles))
+
+
+def _completed(part: Part, name: str) -> Mesh:
+    """Make normals, texture coordinates and tangents for the vertices that have none, or none that is a number."""
+    # Vertices that no triangle has are left out.
+    part = _split(part, np.zeros_like(part.triangles))
+    streams = dict(part.streams)
+    count = len(streams["position"])
+    streams["normal"], lacks_normals = _directions(streams.get("normal"), count)
+    texcoords = streams.get("texcoord_0", np.full((count, 2), np.nan))
+    lacks_texcoords = ~np.isfinite(texcoords).all(axis=1)
+    made = {"normals": lacks_normals, "texture coordinates": lacks_texcoords}
+    for some, which in (
+        ("the mesh", np.all),
+        ("part of the mesh", lambda each: each.any() and not each.all()),
     ):
-        data = _stream(mesh, stream, width)
-        part[name] = data if len(data) == count else np.zeros((count, width))
-    yield part
+        named = [what for what, lacking in made.items() if which(lacking)]
+        if named:
+            _warn(f"{name}: {some} has no {' and no '.join(named)}; made some")
+    if "tangent" in streams and not np.isfinite(streams["tangent"]).all():
+        _warn(f"{name}: some tangents are NaN or infinite; made others")
+    streams["texcoord_0"] = np.where(lacks_texcoords[:, None], _around(streams["position"]), texcoords)
+    streams["made_texcoord"] = lacks_texcoords[:, None]
+    part = _with_tangents(_with_normals(Part(streams, part.triangles)))
+    streams = part.streams
+    signs = streams["bitangent_sign"]
+    return Mesh(
+        name,
+        streams["position"],
+        streams["normal"],
+        streams["tangent"],
+        streams["texcoord_0"],
+        part.triangles,
+        streams.get("color_0"),
+        {key.removeprefix("geomprop_"): data for key, data in streams.items() if key.startswith("geomprop_")},
+        signs if (signs < 0.0).any() else None,
+        {
+            key: data
+            for key, data in streams.items()
+            if key.startswith(("texcoord_", "color_")) and not key.endswith("_0")
+        },
+    )
 
 
-def _stream(mesh: Any, name: str, width: int) -> NDArray[np.float32]:
-    stream = mesh.getStream(name)
-    if stream is None:
-        return np.zeros((0, width), np.float32)
-    return np.array(stream.getData(), np.float32).reshape(-1, stream.getStride())[:, :width]
+def _split(part: Part, labels: NDArray[Any]) -> Part:
+    """Give each vertex as many copies as its corners have labels (m, 3), which are whole numbers from 0."""
+    kinds = int(labels.max()) + 1
+    keys, triangles = np.unique(part.triangles * kinds + labels, return_inverse=True)
+    taken = keys // kinds
+    return Part({name: data[taken] for name, data in part.streams.items()}, triangles.reshape(-1, 3))
 
 
-def _completed(mesh: Mesh) -> Mesh:
-    """Give normals, texture coordinates and tangents to the vertices that have none."""
-    positions, indices = mesh.positions.astype(np.float64), mesh.indices
-    normals, texcoords = normalized(mesh.normals), mesh.texcoords.astype(np.float64)
-    lacking = ~normals.any(axis=1)
-    if lacking.any():
-        corners = positions[indices]
-        face = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        sums = np.zeros_like(positions)
-        for corner in range(3):
-            np.add.at(sums, indices[:, corner], face)
-        normals[lacking] = normalized(sums)[lacking]
-        normals[~normals.any(axis=1)] = (0.0, 0.0, 1.0)
-    tangents = mesh.tangents.astype(np.float64)
-    if not texcoords.any():
-        # Latitude and longitude about the middle of the mesh.
-        x, y, z = normalized(positions - mesh.center).T
-        texcoords = np.stack([np.arctan2(x, z) / (2.0 * np.pi) + 0.5, np.arcsin(y) / np.pi + 0.5], axis=1)
-        tangents = np.cross((0.0, 1.0, 0.0), normals)
-    tangents = normalized(tangents - np.sum(tangents * normals, axis=1, keepdims=True) * normals)
-    lacking = ~tangents.any(axis=1) | ~np.isfinite(tangents).all(axis=1)
-    if lacking.any():
-        n = normals[lacking]
-        axis = np.where(np.abs(n[:, :1]) < 0.9, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-        tangents[lacking] = normalized(axis - np.sum(axis * n, axis=1, keepdims=True) * n)
-    return Mesh(mesh.name, positions, normals, tangents, texcoords, indices)
+def _directions(vectors: NDArray[Any] | None, count: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return unit vectors, 0 where there is none, and where that is."""
+    if vectors is None:
+        return np.zeros((count, 3)), np.ones(count, bool)
+    units = normalized(np.where(np.isfinite(vectors).all(axis=1, keepdims=True), vectors, 0.0))
+    return units, _none(units)
 
 
-def _check_obj(file: Path) -> tuple[bool, bool]:
-    """Return whether a face lacks normals, and whether one lacks texture coordinates.
+def _none(vectors: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.asarray((vectors == 0.0).all(axis=1))
 
-    Raises:
-        MrmError: a face refers to what the file lacks, a number is none, or there is no face.
+
+def _around(positions: NDArray[Any]) -> NDArray[np.float64]:
+    """Return latitude and longitude about the middle of the mesh as texture coordinates."""
+    middle = (positions.max(axis=0) + positions.min(axis=0)) / 2.0
+    x, y, z = normalized(positions - middle).T
+    return np.stack([np.arctan2(x, z) / (2.0 * np.pi) + 0.5, np.arcsin(y) / np.pi + 0.5], axis=1)
+
+
+def _edges(part: Part, stream: str) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Return what grows along two edges of each triangle, (m, k) each."""
+    corners = part.streams[stream][part.triangles]
+    return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+
+
+def _with_normals(part: Part) -> Part:
+    """Make vertices that lack a normal flat ones: glTF 2.0, section 3.7.2.1, and MaterialX's loaders."""
+    lacking = _none(part.streams["normal"])
+    if not lacking.any():
+        return part
+    faces = np.arange(len(part.triangles))[:, None]
+    part = _split(part, np.where(lacking[part.triangles], faces + 1, 0))
+    flat = normalized(np.cross(*_edges(part, "position")))
+    flat[_none(flat)] = (0.0, 0.0, 1.0)
+    normals = part.streams["normal"].copy()
+    face, corner = np.nonzero(_none(normals)[part.triangles])
+    normals[part.triangles[face, corner]] = flat[face]
+    return Part({**part.streams, "normal": normals}, part.triangles)
+
+
+def _with_tangents(part: Part) -> Part:
+    """Make tangents along u where there are none, and bitangents that follow v.
+
+    A vertex between a texture and its mirror image becomes two, as one tangent cannot follow both.
     """
-    counts = {"v": 0, "vt": 0, "vn": 0}
-    lacks_texcoords = lacks_normals = False
-    faces = 0
-    with file.open(encoding="utf-8", errors="replace") as lines:
-        for number, line in enumerate(lines, start=1):
-            words = line.split("#", 1)[0].split()
-            if not words:
-                continue
-            where = f"{file}, line {number}"
-            if words[0] in counts:
-                counts[words[0]] += 1
-                _check_obj_numbers(words, where)
-            elif words[0] == "f":
-                faces += 1
-                if len(words) < 4:
-                    raise MrmError(f"{where}: a face needs three vertices or more")
-                for corner in words[1:]:
-                    has_texcoord, has_normal = _check_obj_corner(corner, counts, where)
-                    lacks_texcoords |= not has_texcoord
-                    lacks_normals |= not has_normal
-    if faces == 0 or counts["v"] == 0:
-        raise MrmError(f"{file}: the mesh is empty: {counts['v']} vertices, {faces} faces")
-    return lacks_normals, lacks_texcoords
+    streams = dict(part.streams)
+    count = len(streams["position"])
+    lacking = _directions(streams.get("tangent"), count)[1]
+    signs = streams.get("bitangent_sign", np.ones((count, 1)))
+    streams["tangent"] = np.where(lacking[:, None], 0.0, streams.get("tangent", np.zeros((count, 3))))
+    # 0: to be made by the texture.
+    by_texture = lacking[:, None] & ~streams["made_texcoord"]
+    streams["bitangent_sign"] = np.where(by_texture, 0.0, np.where(signs < 0.0, -1.0, 1.0))
+    along_u, mirrored = _along_u(part)
+    labels = by_texture.ravel()[part.triangles] & mirrored[:, None]
+    part = _split(Part(streams, part.triangles), labels.astype(np.int64))
+
+    tangents, signs, normals = (part.streams[name] for name in ("tangent", "bitangent_sign", "normal"))
+    by_texture = signs == 0.0
+    sums = np.zeros_like(tangents)
+    np.add.at(sums, part.triangles, along_u[:, None])
+    signs[part.triangles[labels]] = -1.0
+    signs = np.where(signs == 0.0, 1.0, signs)
+    east = np.where(_none(tangents)[:, None], np.cross((0.0, 1.0, 0.0), normals), tangents)
+    tangents = _perpendicular(np.where(by_texture, sums, east), normals)
+    axes = np.where(np.abs(normals[:, :1]) < 0.9, (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    tangents = np.where(_none(tangents)[:, None], _perpendicular(axes, normals), tangents)
+    return Part({**part.streams, "tangent": tangents, "bitangent_sign": signs}, part.triangles)
 
 
-def _check_obj_numbers(words: list[str], where: str) -> None:
-    needed = {"v": 3, "vt": 1, "vn": 3}[words[0]]
-    try:
-        numbers = [float(word) for word in words[1:]]
-    except ValueError:
-        raise MrmError(f"{where}: not numbers: {' '.join(words)[:80]}") from None
-    if len(numbers) < needed:
-        raise MrmError(f"{where}: {words[0]} needs {needed} numbers: {' '.join(words)[:80]}")
-    if not np.isfinite(numbers).all():
-        raise MrmError(f"{where}: NaN or infinite: {' '.join(words)[:80]}")
+def _along_u(part: Part) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return how each triangle's position grows with u (m, 3) (Lengyel 2001, as MaterialX), 0 where u does not.
 
-
-def _check_obj_corner(corner: str, counts: dict[str, int], where: str) -> tuple[bool, bool]:
-    """Return whether the corner of a face (`v`, `v/vt`, `v//vn` or `v/vt/vn`) has a texcoord and a normal."""
-    fields = corner.split("/")
-    present = [False, False, False]
-    for place, (kind, text) in enumerate(zip(("v", "vt", "vn"), fields, strict=False)):
-        if not text and kind != "v":
-            continue
-        try:
-            index = int(text)
-        except ValueError:
-            raise MrmError(f"{where}: not a vertex of a face: {corner}") from None
-        # Indices count from 1, or backwards from the last one read.
-        if index == 0 or index > counts[kind] or -index > counts[kind]:
-            raise MrmError(f"{where}: the face refers to {kind} {index}, but {counts[kind]} are there so far")
-        present[place] = True
-    if len(fields) > 3:
-        raise MrmError(f"{where}: not a vertex of a face: {corner}")
-    return present[1], present[2]
-
-
-# glTF 2.0, section 3.6.2.2 and 4.4
-_GLB_MAGIC = b"glTF"
-_COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-_TRIANGLES = 4
-
-
-def _check_glb(file: Path) -> tuple[bool, bool]:
-    """Return whether a primitive lacks normals, and whether one lacks texture coordinates.
-
-    Raises:
-        MrmError: a truncated file, or one that refers to data or vertices that it lacks.
+    And whether the texture lies there mirrored, as the normals see it.
     """
-    content = file.read_bytes()
-    try:
-        gltf, binary = _glb_chunks(content, file)
-        required = set(gltf.get("extensionsRequired", ())) - {
-            "KHR_mesh_quantization",
-            "KHR_texture_transform",
-        }
-        compressed = sorted(name for name in required if "compression" in name)
-        if compressed:
-            raise MrmError(
-                f"{file}: uses {', '.join(compressed)}, which MaterialX cannot read; save it uncompressed"
-            )
-        for number, buffer in enumerate(gltf.get("buffers", ())):
-            if "uri" in buffer or number > 0:
-                raise MrmError(f"{file}: its data lies outside the file; save it as one self-contained .glb")
-            if buffer["byteLength"] > len(binary):
-                raise MrmError(
-                    f"{file}: truncated: {len(binary)} of {buffer['byteLength']} bytes of data are there"
-                )
-        lacks = [False, False]
-        drawn = 0
-        for mesh in gltf.get("meshes", ()):
-            for primitive in mesh["primitives"]:
-                if primitive.get("mode", _TRIANGLES) != _TRIANGLES:
-                    continue
-                drawn += 1
-                _check_primitive(gltf, primitive, binary, file)
-                lacks[0] |= "NORMAL" not in primitive["attributes"]
-                lacks[1] |= "TEXCOORD_0" not in primitive["attributes"]
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError) as error:
-        raise MrmError(f"{file}: not a well-formed .glb: {type(error).__name__}: {error}") from None
-    if not drawn:
-        raise MrmError(f"{file}: the mesh is empty: it has no triangles")
-    return lacks[0], lacks[1]
+    first, second = _edges(part, "position")
+    (u1, v1), (u2, v2) = (edges.T for edges in _edges(part, "texcoord_0"))
+    area = u1 * v2 - u2 * v1
+    seen = area != 0.0
+    along_u = (first.T * v2 - second.T * v1) / np.where(seen, area, 1.0) * seen
+    normals = part.streams["normal"][part.triangles].sum(axis=1)
+    inside_out = np.sum(np.cross(first, second) * normals, axis=1) < 0.0
+    return along_u.T, seen & ((area < 0.0) != inside_out)
 
 
-def _glb_chunks(content: bytes, file: Path) -> tuple[dict[str, Any], bytes]:
-    """Return the JSON and the binary chunk."""
-    if len(content) < 20 or content[:4] != _GLB_MAGIC:
-        raise MrmError(f"{file}: not a .glb file")
-    version, length, json_length = struct.unpack_from("<III", content, 4)
-    if version != 2:
-        raise MrmError(f"{file}: glTF version {version}; only version 2 is read")
-    if length > len(content):
-        raise MrmError(f"{file}: truncated: {len(content)} of {length} bytes are there")
-    gltf = json.loads(content[20 : 20 + json_length])
-    start = 20 + json_length
-    if start + 8 > len(content):
-        return gltf, b""
-    (binary_length,) = struct.unpack_from("<I", content, start)
-    return gltf, content[start + 8 : start + 8 + binary_length]
+def _perpendicular(vectors: NDArray[np.float64], normals: NDArray[np.float64]) -> NDArray[np.float64]:
+    return normalized(vectors - np.sum(vectors * normals, axis=1, keepdims=True) * normals)
 
 
-def _check_primitive(gltf: dict[str, Any], primitive: dict[str, Any], binary: bytes, file: Path) -> None:
-    count = gltf["accessors"][primitive["attributes"]["POSITION"]]["count"]
-    for name, accessor in primitive["attributes"].items():
-        data = _accessor_data(gltf, accessor, binary, file)
-        if len(data) != count:
-            raise MrmError(f"{file}: {name} has {len(data)} values for {count} vertices")
-        if name == "POSITION" and not np.isfinite(data).all():
-            raise MrmError(f"{file}: a position is NaN or infinite")
-    if "indices" not in primitive:
-        return
-    indices = _accessor_data(gltf, primitive["indices"], binary, file)
-    if len(indices) and int(indices.max()) >= count:
-        raise MrmError(f"{file}: a triangle refers to vertex {int(indices.max())}, but there are {count}")
-
-
-def _accessor_data(gltf: dict[str, Any], index: int, binary: bytes, file: Path) -> NDArray[Any]:
-    """Return an accessor's values, shape (count, components)."""
-    if index < 0:
-        raise IndexError(f"accessor {index}")
-    accessor = gltf["accessors"][index]
-    if "sparse" in accessor or "bufferView" not in accessor:
-        raise MrmError(f"{file}: uses sparse accessors, which are not supported; save it without")
-    view = gltf["bufferViews"][accessor["bufferView"]]
-    kind, components = np.dtype(_COMPONENT_TYPES[accessor["componentType"]]), _COMPONENTS[accessor["type"]]
-    size = kind.itemsize * components
-    stride, count = view.get("byteStride", size), accessor["count"]
-    offset = accessor.get("byteOffset", 0)
-    needed = offset + stride * (count - 1) + size if count else offset
-    start = view.get("byteOffset", 0)
-    if min(offset, start, count, stride) < 0 or needed > view["byteLength"] or start + needed > len(binary):
-        raise MrmError(f"{file}: accessor {index} refers to data outside its buffer")
-    return np.ndarray((count, components), kind, binary, start + offset, (stride, kind.itemsize))
+def _warn(text: str) -> None:
+    warnings.warn(text, MrmWarning, stacklevel=4)

@@ -7,6 +7,7 @@ import math
 import os
 import re
 import time
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -16,10 +17,10 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.context import get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
-from mrm_nodes.render.gbuffer import TARGETS, Stages, mesh_stages, point_stages, sheet_stages
+from mrm_nodes.render.gbuffer import BITANGENT_SIGN, TARGETS, Stages, mesh_stages, point_stages, sheet_stages
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.recent import Recent
@@ -180,6 +181,10 @@ class Renderer:
         with self._gl.ctx:
             started = time.perf_counter()
             program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
+            if mesh.colors is None and "i_color_0" in program.attributes:
+                _warn(
+                    f"mesh {mesh.name} has no vertex colours (color_0), which {shader.name} uses: they are white"
+                )
             self._upload(shader, program, values, view_projection, camera, lights, environment)
             array = self._vertex_array(program, mesh, shader)
             if is_new:
@@ -466,7 +471,7 @@ class Renderer:
                         f"mesh {mesh.name} has no vertex data {_bare(name)}, which {shader.name} uses"
                     )
                 buffer, suffix = kept.buffers[name]
-                available = 4 if suffix else buffer.size // (4 * len(mesh.positions))
+                available = buffer.size // (4 if suffix else 4 * len(mesh.positions))
                 if available < width:
                     raise MrmError(
                         f"mesh {mesh.name}: {_bare(name)} has {available} components; "
@@ -479,19 +484,27 @@ class Renderer:
 
     def _mesh_buffers(self, mesh: Mesh) -> _MeshBuffers:
         ctx = self._gl.ctx
+        signs = 1.0 if mesh.bitangent_signs is None else mesh.bitangent_signs
         streams = {
             "i_position": mesh.positions,
             "i_normal": mesh.normals,
             "i_tangent": mesh.tangents,
-            "i_bitangent": np.cross(mesh.normals, mesh.tangents),
-            "i_texcoord_0": mesh.texcoords,
+            "i_bitangent": signs * np.cross(mesh.normals, mesh.tangents),
         }
+        sets = {"texcoord_0": mesh.texcoords, **mesh.sets}
+        streams |= {f"i_{name}": data for name, data in sets.items()}
+        # MaterialX's own names for sets of texture coordinates, and USD's for the first.
+        named = {name.replace("texcoord_", "UV"): data for name, data in sets.items() if "texcoord" in name}
+        named["st"] = mesh.texcoords
+        streams |= {f"i_geomprop_{name}": data for name, data in named.items()}
         streams |= {f"i_geomprop_{name}": data for name, data in mesh.geomprops.items()}
         buffers = {name: (ctx.buffer(np.ascontiguousarray(data)), "") for name, data in streams.items()}
-        if mesh.colors is not None:
-            buffers["i_color_0"] = (ctx.buffer(mesh.colors), "")
-        else:
-            buffers["i_color_0"] = (ctx.buffer(np.ones(4, np.float32)), "/r")
+        for name, vertices, constant in (
+            ("i_color_0", mesh.colors, np.ones(4, np.float32)),
+            (BITANGENT_SIGN, mesh.bitangent_signs, np.ones(1, np.float32)),
+        ):
+            given = vertices is not None
+            buffers[name] = (ctx.buffer(vertices if given else constant), "" if given else "/r")
         return _MeshBuffers(mesh, buffers, ctx.buffer(mesh.indices))
 
 
@@ -501,6 +514,10 @@ def samples_in_the_dark(shader: Shader) -> int:
     Up to MaterialX 1.39.4, its own function divides by their number.
     """
     return 0 if "u_envRadianceSamples == 0" in shader.pixel else 1
+
+
+def _warn(text: str) -> None:
+    warnings.warn(text, MrmWarning, stacklevel=3)
 
 
 def _bare(attribute: str) -> str:
@@ -549,7 +566,7 @@ def render(
 
     Args:
         material: a .mtlx file, a MaterialX document, or a shader generated for GLSL.
-        mesh: `sphere`, `plane`, `baluster`, an .obj or .glb file, or a Mesh.
+        mesh: `sphere`, `plane`, `baluster`, an .obj, .gltf or .glb file, or a Mesh.
         camera: a Camera, a Framing, or text as in CAMERA_SYNTAX; by default it shows the whole mesh from +z.
         lights: lights, or texts as in LIGHT_SYNTAX, such as `camera`.
         size: width and height in pixels.

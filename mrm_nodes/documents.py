@@ -144,6 +144,8 @@ class _Reading:
             if token.opens or not token.closes:
                 elements += 1
                 nameless += not xmltext.attributes_of(token.attributes).get("name")
+        if elements == 0:
+            raise MrmError(f"{file}: not a MaterialX document: no element found")
         if nameless > MOST_NAMELESS:
             raise MrmError(f"{file}: has more than {MOST_NAMELESS} elements without a name")
         if elements > MOST_ELEMENTS:

@@ -219,15 +219,14 @@ def generate(
 def _say_what_is_ignored(
     document: Any, file: Path, targets: list[str], environment: str, libraries: Path | None, strict: bool
 ) -> None:
-    from mrm_nodes import library, limits, shadergen
+    from mrm_nodes import limits, shadergen
 
-    ignored = {
-        message: None
-        for target in targets
-        for message in limits.ignored_inputs(
-            document, shadergen.generator_target(target), environment, library.host(libraries)
-        )
-    }
+    ignored: dict[str, None] = {}
+    for target in targets:
+        name = shadergen.generator_target(target)
+        ignored.update(dict.fromkeys(limits.ignored_inputs(document, name, environment, libraries)))
+        for message in limits.honoured_inputs(document, name, libraries):
+            click.echo(f"{file}: {message}", err=True)
     if strict and ignored:
         raise MrmError(f"{file}: {'; '.join(ignored)}")
     for message in ignored:

@@ -14,7 +14,7 @@ from typing import Any
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import library
+from mrm_nodes import library, mdl
 from mrm_nodes.documents import check_document, find_renderable, nodes_of, one_line, read_document
 from mrm_nodes.errors import MrmError, unknown
 
@@ -141,7 +141,7 @@ def generate_shader(
     renderable = find_renderable(document, where, element)
     if target == "mdl":
         path = renderable.getNamePath()
-        document = _without_distributions(document)
+        document, _ = mdl.prepared(document, libraries)
         renderable = document.getDescendant(path)
 
     generator = generator_class.create()  # type: ignore[attr-defined]
@@ -161,6 +161,9 @@ def generate_shader(
     options.shaderInterfaceType = getattr(mx_gen_shader.ShaderInterfaceType, _INTERFACES[interface])
     # MaterialX loads images bottom row first for GL; our renderer hands them over top row first.
     options.fileTextureVerticalFlip = True
+    if target == "mdl" and hasattr(options, "distributeLayerOverBsdfMix"):
+        # Done already, with more on top than mixes; MaterialX's own takes a volume below a mix for a BSDF.
+        options.distributeLayerOverBsdfMix = False
     if isinstance(generator, mx_gen_shader.HwShaderGenerator):
         for node, number in LIGHT_TYPES.items():
             definition = library.shared_library(libraries).getNodeDef(f"ND_{node}")
@@ -194,22 +197,6 @@ def _knowing_environment(source: str, environment: str) -> str:
     version = re.search(r"^#version.*\n", source, re.MULTILINE)
     place = version.end() if version else 0
     return source[:place] + define + source[place:]
-
-
-def _without_distributions(document: mx.Document) -> mx.Document:
-    """Return a copy in which our nodes leave `distribution` alone.
-
-    MaterialX's MDL generator takes such an input for its own type of that name, which knows ggx only; the
-    portable graphs, which MDL renders, do not use it.
-    """
-    copy = mx.createDocument()
-    copy.copyContentFrom(document)
-    if document.hasDataLibrary():
-        copy.setDataLibrary(document.getDataLibrary())
-    for node in nodes_of(copy):
-        if node.getCategory().startswith("mrm_") and node.getType() == "BSDF":
-            node.removeInput("distribution")
-    return copy
 
 
 def _without_implementation(document: mx.Document, target: str) -> str:

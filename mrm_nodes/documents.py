@@ -12,7 +12,7 @@ from pathlib import Path
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import cycles, external, library, xmltext
+from mrm_nodes import cycles, external, filenames, library, xmltext
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
 
 LARGEST = 64 << 20
@@ -84,7 +84,7 @@ class _Reading:
         self._read: dict[Path, tuple[mx.Document, int]] = {}
         self._open: dict[Path, Path] = {}
         self.files: list[Path] = []
-        if content is None and not external.is_file(file):
+        if content is None and not filenames.is_file(file):
             raise MrmError(f"{file}: no such file")
         self.document = self._of(file, content)
 

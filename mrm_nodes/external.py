@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import os
-import re
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import MaterialX as mx
 
-from mrm_nodes import library
+from mrm_nodes import filenames, library
 from mrm_nodes.errors import MrmError
 
 FLAG = "--allow-external"
@@ -25,30 +24,12 @@ def included_file(name: str, including: Path, folders: Iterable[Path], allow_ext
         MrmError: there is none, or it lies outside of the last folder and the node libraries.
     """
     folders = [including.parent, *folders]
-    found = next(iter(_candidates(name, *folders)), None)
+    places = [*folders, *filenames.search_folders()]
+    found = filenames.find(name, places).file
     if found is None:
-        raise MrmError(f"{including}: includes {name}, which does not exist")
+        raise MrmError(f"{including}: includes {name}: {filenames.absence(name, places)}")
     _check_inside(found, name, str(including), folders[-1], allow_external)
     return found
-
-
-def is_file(path: Path) -> bool:
-    """Whether there is such a file; a name that no file can have is none, and no OSError."""
-    return os.path.isfile(path)  # noqa: PTH113
-
-
-def _candidates(name: str, *folders: Path) -> list[Path]:
-    """Every file that MaterialX could take for a name; at last, one relative to where the program runs."""
-    found = [root / name for root in (*folders, *_search_folders(), Path()) if name and is_file(root / name)]
-    return list({os.path.realpath(file): file for file in reversed(found)}.values())[::-1]
-
-
-def _search_folders() -> list[Path]:
-    return [*_folders(library.search_path()), *_folders(mx.getEnvironmentPath())]
-
-
-def _folders(path: mx.FileSearchPath) -> list[Path]:
-    return [Path(folder) for folder in path.asString().split(os.pathsep) if folder]
 
 
 def _shared_folders() -> list[Path]:
@@ -56,8 +37,8 @@ def _shared_folders() -> list[Path]:
 
     In a checkout the library's own folder is the whole repository, of which the nodes are a part.
     """
-    libraries = [root / name for root in _folders(library.search_path()) for name in _LIBRARIES]
-    return [*libraries, *_folders(mx.getEnvironmentPath())]
+    libraries = [root / name for root in filenames.folders_of(library.search_path()) for name in _LIBRARIES]
+    return [*libraries, *filenames.folders_of(mx.getEnvironmentPath())]
 
 
 def _check_inside(file: Path, name: str, where: str, folder: Path, allow_external: bool) -> None:
@@ -79,16 +60,14 @@ def check_images(document: mx.Document, path: Path, allow_external: bool = False
         MrmError: one lies outside of the document's folder and the node libraries, or is an address in a network.
     """
     folder = path.resolve().parent
+    folders = [folder, *filenames.search_folders()]
     found: dict[Path, None] = {}
     for port in _filenames(document):
-        name = port.getResolvedValueString()
-        if not name:
-            continue
-        if re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", name):
-            raise MrmError(
-                f"{path}: {port.getNamePath()}: {name} is no file; images are read from files only"
-            )
-        for file in _candidates(name, folder)[:1]:
+        name = filenames.resolved(port)
+        files = filenames.find(name, folders).all()
+        if filenames.is_address(name) and not files:
+            raise MrmError(f"{path}: {port.getNamePath()}: {name} {filenames.absence(name, folders)}")
+        for file in files:
             _check_inside(file, name, f"{path}: {port.getNamePath()}", folder, allow_external)
             found[file] = None
     return list(found)
@@ -102,19 +81,22 @@ def _filenames(document: mx.Document) -> Iterator[mx.ValueElement]:
 
 def move_images(document: mx.Document, old: Path, new: Path) -> None:
     """Have the images that a document names by absolute names below one folder read below another."""
-    named = [(port, port.getResolvedValueString()) for port in _filenames(document)]
     for element in (document, *document.traverseTree()):
-        # Prefixes are part of the resolved names.
-        element.removeAttribute("fileprefix")
-    for port, name in named:
-        if name:
-            port.setValueString(moved_name(name, old, new))
+        if element.hasFilePrefix():
+            element.setFilePrefix(moved_name(element.getFilePrefix(), old, new))
+    for port in _filenames(document):
+        moved = moved_name(port.getValueString(), old, new)
+        if moved != port.getValueString():
+            port.setValueString(moved)
 
 
 def moved_name(name: str, old: Path, new: Path) -> str:
-    """An absolute file name below one folder as it is below another; any other name as it is."""
-    file = Path(os.path.normpath(name))
-    return str(new / file.relative_to(old)) if file.is_absolute() and file.is_relative_to(old) else name
+    """An absolute file name or prefix below one folder as it is below another; any other as it is."""
+    text = filenames.with_slashes(name)
+    file = Path(os.path.normpath(text))
+    if not filenames.is_absolute(name) or not file.is_relative_to(old):
+        return name
+    return str(new / file.relative_to(old)) + ("/" if name.endswith(("/", "\\")) else "")
 
 
 def check_travelled(files: list[Path], path: Path, root: Path) -> None:

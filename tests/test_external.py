@@ -38,7 +38,8 @@ def image(name: str, attributes: str = "") -> str:
 def secret(tmp_path: Path) -> Path:
     """A file beside the material's folder."""
     write(tmp_path / "secret.mtlx", GRAPH)
-    (tmp_path / "secret.png").write_bytes(b"not for materials")
+    for name in ("secret.png", "secret.1001.png"):
+        (tmp_path / name).write_bytes(b"not for materials")
     (tmp_path / "material").mkdir()
     return tmp_path
 
@@ -48,6 +49,7 @@ def materials_that_look_out(folder: Path) -> dict[str, Path]:
     inside = folder / "material"
     (inside / "link.mtlx").symlink_to(folder / "secret.mtlx")
     (inside / "link.png").symlink_to(folder / "secret.png")
+    (inside / "tile.u1_v1.png").symlink_to(folder / "secret.1001.png")
     (inside / "door").symlink_to(folder)
     write(inside / "inner.mtlx", include("../secret.mtlx"))
     ways = {
@@ -59,6 +61,14 @@ def materials_that_look_out(folder: Path) -> dict[str, Path]:
         "image above": image("../secret.png"),
         "image absolute": image(f"{folder}/secret.png"),
         "image through a link": image("link.png"),
+        "image above, with a backslash": image("..\\secret.png"),
+        "image above, from a folder below": image("door/material/..\\secret.png"),
+        "tiles above": image("../secret.&lt;UDIM&gt;.png"),
+        "tiles through a link": image("tile.&lt;UVTILE&gt;.png"),
+        "image by a prefix with a backslash": image("secret.png", ' fileprefix="..\\"'),
+        "image by a token": image("[up]/secret.png").replace(
+            "<input", '<token name="up" type="string" value=".." /><input'
+        ),
         "image by a prefix": image("secret.png", ' fileprefix="../"'),
         "image by the document's prefix": image("secret.png"),
     }

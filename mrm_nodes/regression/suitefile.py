@@ -20,7 +20,7 @@ from typing import Any
 import MaterialX as mx
 import pydantic
 
-from mrm_nodes import documents, external
+from mrm_nodes import documents, external, filenames
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.library import shared_library
 from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
@@ -189,7 +189,7 @@ class _Maker:
                 found = sorted(
                     name
                     for name in glob.glob(pattern, root_dir=self._folder, recursive=True)  # noqa: PTH207
-                    if external.is_file(self._folder / name) and not self._is_reported(name)
+                    if filenames.is_file(self._folder / name) and not self._is_reported(name)
                 )
             except (ValueError, OSError, re.error) as error:
                 raise Fault((*here, "material"), f"{pattern}: {error}") from None
@@ -366,7 +366,7 @@ class _Maker:
         return fields
 
     def _file(self, name: str) -> str:
-        if not external.is_file(self._folder / name):
+        if not filenames.is_file(self._folder / name):
             raise MrmError(f"no file {name} beside the suite")
         return name
 
@@ -374,7 +374,7 @@ class _Maker:
         file = self._table.meshes.get(name, name)
         if file in BUILT_IN:
             return file
-        if external.is_file(self._folder / file) and Path(file).suffix.lower() in MESH_SUFFIXES:
+        if filenames.is_file(self._folder / file) and Path(file).suffix.lower() in MESH_SUFFIXES:
             return file
         if name in self._table.meshes or Path(name).suffix:
             raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite")
@@ -398,7 +398,7 @@ class _Maker:
 
     def _environment(self, name: str) -> EnvironmentMap:
         table = self._table.environments.get(name) or EnvironmentTable(map=name)
-        if table.map not in BUILT_IN_ENVIRONMENTS and not external.is_file(self._folder / table.map):
+        if table.map not in BUILT_IN_ENVIRONMENTS and not filenames.is_file(self._folder / table.map):
             known = [*BUILT_IN_ENVIRONMENTS, *self._table.environments]
             raise MrmError(
                 f"no environment {table.map}: not a file beside the suite; {suggestion(name, known)}"

@@ -11,6 +11,7 @@ import MaterialX as mx
 import moderngl
 import numpy as np
 
+from mrm_nodes import filenames
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render.context import GLContext
 from mrm_nodes.render.images import read_image, read_pixels
@@ -113,12 +114,15 @@ def find_image(name: str, search_path: mx.FileSearchPath, uniform: str) -> Path:
     """Return the file that a material's input names.
 
     Raises:
-        MrmError: it is nowhere on the search path.
+        MrmError: it is nowhere on the search path, or stands for a set of tiles.
     """
-    found = search_path.find(mx.FilePath(name))
-    if not found.exists():
-        raise MrmError(f"{name}: no such image (input {uniform}); looked in {search_path.asString()}")
-    return Path(found.asString())
+    folders = filenames.folders_of(search_path)
+    found = filenames.find(name, folders)
+    if found.tiles:
+        raise MrmError(f"{name}: a set of {len(found.tiles)} tiles is not drawn (input {uniform})")
+    if found.file is None:
+        raise MrmError(f"{name}: no such image (input {uniform}): {filenames.absence(name, folders)}")
+    return found.file
 
 
 def border_color(value: Any) -> tuple[float, float, float, float]:

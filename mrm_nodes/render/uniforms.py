@@ -11,6 +11,7 @@ from typing import Any
 import MaterialX as mx
 import numpy as np
 
+from mrm_nodes import filenames
 from mrm_nodes.errors import MrmError
 from mrm_nodes.shadergen import Shader
 
@@ -78,7 +79,33 @@ def _ports(shader: Shader) -> Iterator[Uniform]:
                 kind = port.getType().getName()
                 value = port.getValue()
                 data = None if value is None else _data(kind, value.getData())
+                if kind == "filename":
+                    data = _file_name(shader, port.getPath(), data)
                 yield Uniform(port.getVariable(), port.getPath(), kind, data)
+
+
+def _file_name(shader: Shader, path: str, given: Any) -> str | None:
+    """The name of a file that an input gives: its element is asked, since releases differ in what they prefix."""
+    port = _input_at(shader, path)
+    if port is not None:
+        return filenames.resolved(port)
+    return None if given is None else str(given)
+
+
+def _input_at(shader: Shader, path: str) -> mx.ValueElement | None:
+    """The input that a uniform's value comes from: one that is set, or its node's default."""
+    port = shader.document.getDescendant(path) if path else None
+    if port is None:
+        definition = _definition_at(shader, path)
+        port = None if definition is None else definition.getActiveInput(path.rpartition("/")[2])
+    return port if isinstance(port, mx.ValueElement) else None
+
+
+def _definition_at(shader: Shader, path: str) -> mx.NodeDef | None:
+    """The definition of the node that has the input of a path."""
+    parent = path.rpartition("/")[0]
+    node = shader.document.getDescendant(parent) if parent else None
+    return node.getNodeDef() if isinstance(node, mx.Node) else None
 
 
 def _data(kind: str, data: Any) -> Any:
@@ -97,7 +124,8 @@ def _data(kind: str, data: Any) -> Any:
 def _override(shader: Shader, uniform: Uniform, value: Any) -> Any:
     where = f"{shader.name}: {uniform.path or uniform.name}"
     if uniform.type == "filename":
-        return str(value)
+        port = _input_at(shader, uniform.path)
+        return str(value) if port is None else filenames.resolved(port, str(value))
     if isinstance(value, str):
         value = _enum_index(shader, uniform, value)
     try:
@@ -114,9 +142,7 @@ def _override(shader: Shader, uniform: Uniform, value: Any) -> Any:
 
 def _enum_index(shader: Shader, uniform: Uniform, text: str) -> int:
     """Return the number that stands in GLSL for the name of an enum, from the node's definition."""
-    parent, _, name = uniform.path.rpartition("/")
-    node = shader.document.getDescendant(parent) if parent else None
-    definition = node.getNodeDef() if isinstance(node, mx.Node) else None
+    definition, name = _definition_at(shader, uniform.path), uniform.path.rpartition("/")[2]
     declared = definition.getActiveInput(name) if definition is not None else None
     names = (
         [entry.strip() for entry in declared.getAttribute("enum").split(",")] if declared is not None else []

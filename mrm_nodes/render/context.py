@@ -10,7 +10,7 @@ import os
 import struct
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -46,6 +46,23 @@ class GLContext:
         """Call a GL function that moderngl does not wrap, with integers and ctypes arrays."""
         types = [ctypes.c_void_p if isinstance(a, ctypes.Array) else ctypes.c_int for a in arguments]
         ctypes.CFUNCTYPE(None, *types)(self.load(function))(*arguments)
+
+    @property
+    def upload_unit(self) -> int:
+        """The texture unit for making and changing textures: moderngl's own, which no draw reads."""
+        return int(self.ctx.max_texture_units) - 1
+
+    def bind(self, samplers: Mapping[str, moderngl.Texture], program: moderngl.Program) -> None:
+        """Bind what a program's samplers read, just before its draw: nothing that came before decides it.
+
+        One texture takes one unit, however many samplers read it; there are `upload_unit` of them.
+        """
+        units: dict[int, int] = {}
+        for name, texture in samplers.items():
+            unit = units.setdefault(texture.glo, len(units))
+            texture.use(unit)
+            uniform: Any = program[name]
+            uniform.value = unit
 
     @property
     def renderer(self) -> str:

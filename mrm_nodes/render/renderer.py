@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.render.checks import CHECK_VARIABLE, check_draw
 from mrm_nodes.render.context import get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
 from mrm_nodes.render.gbuffer import BITANGENT_SIGN, TARGETS, Stages, mesh_stages, point_stages, sheet_stages
@@ -38,7 +39,7 @@ _KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS, _KEPT_ENVIRONMENTS = 64, 16, 2, 4
 #: A pixel takes 128 bytes on the GPU and in memory.
 _MAX_PIXELS = 8192 * 8192
 
-_BLACK_UNIT, _FIRST_SHEET_UNIT = 0, 1
+_GL_SAMPLER_2D = 0x8B5E
 _IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 
@@ -70,11 +71,12 @@ class RenderedImage:
 
 @dataclass(frozen=True, eq=False)
 class _Program:
-    """A linked program, its active uniforms and vertex attributes, and a number that is never used again."""
+    """A linked program, its active uniforms, samplers and attributes, and a number that is never used again."""
 
     number: int
     program: moderngl.Program
-    uniforms: dict[str, Any]  # moderngl.Uniform
+    uniforms: dict[str, Any]  # moderngl.Uniform; without the samplers
+    samplers: tuple[str, ...]
     attributes: dict[str, int]  # by name: how many floats
     sheets: int  # of gbuffer.sheet_stages; 0 for other programs
 
@@ -185,16 +187,16 @@ class Renderer:
                 _warn(
                     f"mesh {mesh.name} has no vertex colours (color_0), which {shader.name} uses: they are white"
                 )
-            self._upload(shader, program, values, view_projection, camera, lights, environment)
+            textures = self._upload(shader, program, values, view_projection, camera, lights, environment)
             array = self._vertex_array(program, mesh, shader)
             if is_new:
                 # Drivers compile the second half of a program when it first draws.
-                self._begin((width, height), depth_test=True)
-                array.render(moderngl.TRIANGLES, vertices=3)
+                target = self._begin((width, height), depth_test=True)
+                self._draw(program, array, target, textures, moderngl.TRIANGLES, 3)
                 self._gl.ctx.finish()
             compiled = time.perf_counter()
             target = self._begin((width, height), depth_test=True)
-            array.render(moderngl.TRIANGLES)
+            self._draw(program, array, target, textures, moderngl.TRIANGLES)
             (image, _), (position, covered), (normal, u), (tangent, v) = map(
                 target.read_split, range(TARGETS)
             )
@@ -260,18 +262,25 @@ class Renderer:
                 for part in (stages or (point_stages(shader.vertex, shader.pixel),))
             ]
             streams = self._point_streams(programs[0], data, count, shader)
-            for program in programs:
+            textures = [
                 self._upload(shader, program, values, np.eye(4), camera, lights, environment)
+                for program in programs
+            ]
             for start in range(0, count, POINTS_PER_DRAW):
                 end = min(start + POINTS_PER_DRAW, count)
-                target = self._draw_chunk(
-                    programs, {name: stream[start:end] for name, stream in streams.items()}, end - start
-                )
+                chunk = {name: stream[start:end] for name, stream in streams.items()}
+                target = self._draw_chunk(programs, textures, chunk, end - start)
                 for index, result in enumerate(results.values()):
                     result[start:end] = target.read(index).reshape(-1, 4)[: end - start, :3]
         return results
 
-    def _draw_chunk(self, programs: list[_Program], streams: dict[str, Floats], count: int) -> _Target:
+    def _draw_chunk(
+        self,
+        programs: list[_Program],
+        textures: list[dict[str, moderngl.Texture]],
+        streams: dict[str, Floats],
+        count: int,
+    ) -> _Target:
         width = math.isqrt(count - 1) + 1
         size = (width, -(-count // width))
         ctx = self._gl.ctx
@@ -283,13 +292,11 @@ class Renderer:
         triangle = ctx.vertex_array(shading.program, [])
         try:
             target = self._begin(size, placing.sheets, role="sheets") if placing.sheets else self._begin(size)
-            points.render(moderngl.POINTS, vertices=count)
+            self._draw(placing, points, target, textures[0], moderngl.POINTS, count)
             if shading is not placing:
-                for index, sheet in enumerate(target.colors):
-                    sheet.use(_FIRST_SHEET_UNIT + index)
-                self._black.use(_BLACK_UNIT)
+                sheets = {f"mrm_sheet_{index}": sheet for index, sheet in enumerate(target.colors)}
                 target = self._begin(size)
-                triangle.render(moderngl.TRIANGLES, vertices=3)
+                self._draw(shading, triangle, target, textures[-1] | sheets, moderngl.TRIANGLES, 3)
             return target
         finally:
             _release(points, triangle, *buffers.values())
@@ -345,11 +352,16 @@ class Renderer:
                 program = self._gl.ctx.program(vertex_shader=stages.vertex, fragment_shader=stages.pixel)
             except moderngl.Error as error:
                 raise MrmError(compile_error(str(error), shader.name, stages)) from None
-            members = {name: program[name] for name in program}
+            members: dict[str, Any] = {name: program[name] for name in program}
+            uniforms: dict[str, Any] = {
+                name: member for name, member in members.items() if isinstance(member, moderngl.Uniform)
+            }
+            samplers = tuple(name for name, member in uniforms.items() if member.gl_type == _GL_SAMPLER_2D)
             return _Program(
                 next(self._numbers),
                 program,
-                {name: member for name, member in members.items() if isinstance(member, moderngl.Uniform)},
+                {name: member for name, member in uniforms.items() if name not in samplers},
+                samplers,
                 {
                     name: member.dimension
                     for name, member in members.items()
@@ -369,8 +381,12 @@ class Renderer:
         camera: Camera,
         lights: Sequence[Light],
         environment: Environment | None,
-    ) -> None:
-        """Set every active uniform: a program is shared by cases, so that none may keep a former value."""
+    ) -> dict[str, moderngl.Texture]:
+        """Set every active uniform: a program is shared by cases, so that none may keep a former value.
+
+        Returns:
+            what each sampler is to read; those of the sheets, which are not drawn yet, read black.
+        """
         own: dict[str, Any] = {
             "u_worldMatrix": _IDENTITY,
             "u_worldInverseTransposeMatrix": _IDENTITY,
@@ -381,47 +397,41 @@ class Renderer:
             "u_envRadianceSamples": samples_in_the_dark(shader),
             "u_envLightIntensity": 1.0,
         }
-        own |= {f"mrm_sheet_{index}": _FIRST_SHEET_UNIT + index for index in range(program.sheets)}
         room = sum(re.fullmatch(r"u_lightData\[\d+\]\.type", name) is not None for name in program.uniforms)
         if lights and len(lights) > room and "u_numActiveLightSources" in program.uniforms:
             raise MrmError(f"{shader.name}: {len(lights)} lights, but the shader was generated for {room}")
         for index, light in enumerate(lights):
             own |= {f"u_lightData[{index}].{name}": value for name, value in light.data(camera).items()}
 
-        self._black.use(_BLACK_UNIT)
-        # The environment's units are the last two before moderngl's own, on which it makes textures; those after
-        # the first hold the sheets of a second program.
-        last_unit = self._gl.ctx.max_texture_units - 2
+        textures = dict.fromkeys(program.samplers, self._black)
         if environment is not None:
-            textures = self._environments.get(
+            around = self._environments.get(
                 id(environment), lambda: EnvironmentTextures.upload(self._gl, environment)
             )
-            textures.radiance.use(last_unit)
-            textures.irradiance.use(last_unit - 1)
-            own |= textures.uniforms()
-            own |= {"u_envRadiance": last_unit, "u_envIrradiance": last_unit - 1}
-        unit = _BLACK_UNIT
+            own |= around.uniforms()
+            maps = {"u_envRadiance": around.radiance, "u_envIrradiance": around.irradiance}
+            textures |= {name: texture for name, texture in maps.items() if name in textures}
+        for name in program.samplers:
+            if name in values and values[name].type == "filename" and values[name].value:
+                textures[name] = self._image(shader, values, name)
+        read, room = len({texture.glo for texture in textures.values()}), self._gl.upload_unit
+        if read > room:
+            raise MrmError(f"{shader.name}: {read} images, but this driver reads {room} at once")
         for name, uniform in program.uniforms.items():
+            if name == "mrm_grid":
+                continue
             value = own[name] if name in own else values[name].value if name in values else None
-            if name in values and values[name].type == "filename":
-                if values[name].value:
-                    unit += 1
-                    limit = last_unit - 2
-                    if unit > limit:
-                        raise MrmError(f"{shader.name}: more images than this driver reads at once, {limit}")
-                    self._bind_image(shader, values, name, unit)
-                uniform.value = unit if values[name].value else own.get(name, _BLACK_UNIT)
-            elif name != "mrm_grid":
-                kind = np.float32 if uniform.fmt.endswith("f") else np.int32
-                floats = uniform.dimension * uniform.array_length
-                numbers = np.zeros(floats, kind)
-                if value is not None:
-                    given = np.ravel(value)[:floats]
-                    numbers[: len(given)] = given
-                uniform.write(numbers)
+            kind = np.float32 if uniform.fmt.endswith("f") else np.int32
+            floats = uniform.dimension * uniform.array_length
+            numbers = np.zeros(floats, kind)
+            if value is not None:
+                given = np.ravel(value)[:floats]
+                numbers[: len(given)] = given
+            uniform.write(numbers)
+        return textures
 
-    def _bind_image(self, shader: Shader, values: Mapping[str, Uniform], name: str, unit: int) -> None:
-        """Bind the image of a `…_file` uniform, sampled as its neighbours say (ImageSamplingProperties)."""
+    def _image(self, shader: Shader, values: Mapping[str, Uniform], name: str) -> moderngl.Texture:
+        """Return the image of a `…_file` uniform, sampled as its neighbours say (ImageSamplingProperties)."""
         stem = name.rpartition("_")[0]
 
         def neighbour(suffix: str) -> Any:
@@ -438,7 +448,7 @@ class Renderer:
             top_row_first=re.search(r"1\.0 - uv\.y", shader.pixel) is not None,
         )
         path = values[name].path or name
-        self._textures.bind(find_image(values[name].value, shader.search_path, path), unit, sampling)
+        return self._textures.texture(find_image(values[name].value, shader.search_path, path), sampling)
 
     def _begin(
         self, size: tuple[int, int], colors: int = TARGETS, *, role: str = "image", depth_test: bool = False
@@ -458,8 +468,26 @@ class Renderer:
         # Back faces are shaded, nothing is blended.
         ctx.enable_only(moderngl.DEPTH_TEST if depth_test else moderngl.NOTHING)
         ctx.depth_func = "<"
+        ctx.front_face = "ccw"
+        ctx.wireframe = False
+        ctx.polygon_offset = 0.0, 0.0
         ctx.point_size = 1.0
         return target
+
+    def _draw(
+        self,
+        program: _Program,
+        array: moderngl.VertexArray,
+        target: _Target,
+        textures: Mapping[str, moderngl.Texture],
+        mode: int,
+        vertices: int = -1,
+    ) -> None:
+        """Draw into the target that was begun last; each sampler reads the texture of its name."""
+        self._gl.bind(textures, program.program)
+        if os.environ.get(CHECK_VARIABLE):
+            check_draw(self._gl, program.program, target.framebuffer, textures)
+        array.render(mode, vertices=vertices)
 
     def _vertex_array(self, program: _Program, mesh: Mesh, shader: Shader) -> moderngl.VertexArray:
         kept = self._meshes.get(id(mesh), lambda: self._mesh_buffers(mesh))

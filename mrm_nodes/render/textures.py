@@ -1,8 +1,9 @@
-"""A material's image files as GL textures, bound as MaterialX's own GlslProgram binds them."""
+"""A material's image files as GL textures, sampled as MaterialX's own GlslProgram samples them."""
 
 from __future__ import annotations
 
 import ctypes
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,8 @@ from mrm_nodes.render.context import GLContext
 from mrm_nodes.render.images import read_image, read_pixels
 from mrm_nodes.render.recent import Recent
 
-_GL_TEXTURE_2D, _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T, _GL_TEXTURE_BORDER_COLOR = (
-    0x0DE1,
-    0x2802,
-    0x2803,
-    0x1004,
-)
+_GL_TEXTURE_2D, _GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T = 0x0DE1, 0x2802, 0x2803
+_GL_TEXTURE_BORDER_COLOR = 0x1004
 _GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT = 0x812D, 0x812F, 0x2901, 0x8370
 
 #: By MaterialX's ImageSamplingProperties::AddressMode: constant, clamp, periodic, mirror.
@@ -55,24 +52,29 @@ class Sampling:
 
 
 class TextureCache:
-    """Image files uploaded to one context, by path, time of change and sampling."""
+    """Image files uploaded to one context, by path, contents and sampling.
+
+    Times do not tell: a file may change twice within one tick, and copies keep the times of their originals.
+    """
 
     def __init__(self, context: GLContext) -> None:
         self._context = context
-        self._textures: Recent[tuple[str, int, Sampling], moderngl.Texture] = Recent(
+        self._textures: Recent[tuple[str, bytes, Sampling], moderngl.Texture] = Recent(
             _KEPT_TEXTURES, lambda texture: texture.release()
         )
 
-    def bind(self, file: Path, unit: int, sampling: Sampling) -> None:
-        """Bind an image to a texture unit.
+    def texture(self, file: Path, sampling: Sampling) -> moderngl.Texture:
+        """Return an image's texture, uploaded now if it is not there; what a draw reads stays as it is.
 
         Raises:
             MrmError: the image is missing, truncated or unknown, or larger than the driver takes.
         """
         if not file.is_file():
             raise MrmError(f"{file}: no such image")
-        key = (str(file.resolve()), file.stat().st_mtime_ns, sampling)
-        self._textures.get(key, lambda: self._upload(file, sampling)).use(unit)
+        with file.open("rb") as data:
+            digest = hashlib.file_digest(data, "sha256").digest()
+        key = (str(file.resolve()), digest, sampling)
+        return self._textures.get(key, lambda: self._upload(file, sampling))
 
     def _upload(self, file: Path, sampling: Sampling) -> moderngl.Texture:
         pixels = read_pixels(file)[:, :, :4]
@@ -102,7 +104,7 @@ class TextureCache:
 
     def _set_address_modes(self, texture: moderngl.Texture, sampling: Sampling) -> None:
         """Set what moderngl cannot: a mirrored repeat and a border, in each direction by itself."""
-        texture.use(0)
+        texture.use(self._context.upload_unit)
         for parameter, mode in zip((_GL_TEXTURE_WRAP_S, _GL_TEXTURE_WRAP_T), sampling.address, strict=True):
             wrap = _WRAPS[mode] if 0 <= mode < len(_WRAPS) else _GL_REPEAT
             self._context.call("glTexParameteri", _GL_TEXTURE_2D, parameter, wrap)

@@ -84,6 +84,17 @@ def doctor(backend: str) -> int:
     return examine(backend)
 
 
+@cli.command()
+def warmup() -> None:
+    """Compile the evaluator now, once for this installation, so that no first run waits for it."""
+    from mrm_nodes.reference.warmup import folder, warm_up
+    from mrm_nodes.regression import terminal
+
+    with terminal.progress() as shown:
+        count = warm_up(lambda name, done, total: shown.compiled(done, total))
+    click.echo(f"{f'{count} loops compiled' if count else 'nothing to compile'}: they are kept in {folder()}")
+
+
 cli.add_command(baseline)
 cli.add_command(regress)
 cli.add_command(scene)

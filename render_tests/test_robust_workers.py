@@ -46,6 +46,16 @@ def test_what_harms_a_worker_costs_its_case_and_no_other(working_backend, tmp_pa
     assert json.loads((tmp_path / "report.json").read_text()) == report
 
 
+@pytest.mark.parametrize("place", ["workers of its own", "an executor's workers"])
+def test_a_case_is_not_charged_with_what_numba_compiles_in_it(working_backend, tmp_path, place):
+    with ThreadPoolExecutor(1) as executor:
+        cluster = Cluster(executor) if place == "an executor's workers" else None
+        report = run_suite(
+            [Nasty("first", "compile")], tmp_path, working_backend, time_limit=LIMIT, cluster=cluster
+        )
+    assert verdicts(report) == {"first": "pass"}
+
+
 def test_what_harms_a_worker_once_is_tried_again_elsewhere(working_backend, tmp_path):
     tasks = [Nasty(deed, deed, tmp_path / f"done {deed}") for deed in DEEDS if deed != "raise"]
     report = run_suite([*tasks, *GOOD], tmp_path / "report", working_backend, 2, time_limit=LIMIT)

@@ -72,7 +72,7 @@ def test_processes_share_the_processors(monkeypatch):
 class Started:
     """In place of a worker process: its outcome says which process started it."""
 
-    def __init__(self, backend, variables):
+    def __init__(self, backend, variables, evaluates):
         self.driver, self.starter = "some OpenGL", os.getpid()
 
     def give(self, task, folder, time_limit):

@@ -149,13 +149,13 @@ def regress(
     try:
         with contextlib.ExitStack() as stack:
             place = stack.enter_context(cluster.dask_cluster(address, jobs)) if address else None
-            on_outcome = stack.enter_context(terminal.progress())
+            shown = stack.enter_context(terminal.progress())
             report = run_suite(
                 tasks,
                 folder,
                 backend,
                 jobs,
-                on_outcome,
+                shown.outcome,
                 shard=shard,
                 time_limit=time_limit,
                 cache=known,
@@ -163,6 +163,7 @@ def regress(
                 cluster=place,
                 gallery=_scene_gallery if scenes else None,
                 on_partial=lambda partial: _write(partial, json_file, junit, strict),
+                on_compiled=shown.compiled,
             )
     except KeyboardInterrupt:
         click.echo(f"interrupted; what was done is in {folder}: go on with --resume", err=True)

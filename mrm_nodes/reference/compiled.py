@@ -1,15 +1,19 @@
 """How a formula becomes machine code, and how arrays are handed to it.
 
 Three things live here: `formula`, the decorator of every scalar equation; `Kernel`, a loop over arrays that
-is compiled on its first call and kept in numba's cache; and `run`, which flattens broadcast arrays without
-copying them, cuts the work into ranges and spreads the ranges over threads."""
+is compiled on its first call and kept in numba's cache, by one process for all; and `run`, which flattens
+broadcast arrays without copying them, cuts the work into ranges and spreads the ranges over threads.
 
+Compiling takes a minute where nothing is kept yet: `mrm_nodes.compiling` says how long it took."""
+
+import fcntl
 import hashlib
 import math
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -19,9 +23,12 @@ import numba
 import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import config, types
+from numba.core import event
 from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 from numpy.typing import NDArray
+
+from mrm_nodes import compiling
 
 Array = NDArray[np.float64]
 
@@ -87,9 +94,73 @@ def _source_stamp() -> str:
     return digest.hexdigest()
 
 
+class _Clock(event.Listener):
+    """Tells when numba compiles: anything, ufuncs and formulas that are called from Python too."""
+
+    def on_start(self, _: Any) -> None:
+        compiling.begin()
+
+    def on_end(self, _: Any) -> None:
+        compiling.end()
+
+
+event.register("numba:compiler_lock", _Clock())  # type: ignore[no-untyped-call]
+
+
 class _StampedCache(FunctionCache):
+    """Numba's, by our sources. What is damaged in it is compiled again; what cannot be kept is used all the same."""
+
     def _index_key(self, sig: Any, codegen: Any) -> Any:
         return (*super()._index_key(sig, codegen), _source_stamp())  # type: ignore[no-untyped-call]
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # a damaged file can be anything
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        with suppress(OSError):
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+
+    def holds(self, sig: Any, target_context: Any) -> bool:
+        """Whether there is machine code for a signature, without a look at it."""
+        file: Any = self._cache_file
+        target_context.refresh()
+        try:
+            name = file._load_index().get(self._index_key(sig, target_context.codegen()))
+            return name is not None and Path(file._data_path(name)).is_file()
+        except Exception:  # a damaged file can be anything
+            return False
+
+    @contextmanager
+    def alone(self, wait: bool) -> Iterator[bool]:
+        """Keep other processes from compiling the same for as long as the block lasts.
+
+        False where one does already, and `wait` is false.
+        """
+        file: int | None = None
+        try:
+            try:
+                path = Path(self.cache_path) / f"{self._impl.filename_base}.lock"
+                file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+                # Locks end with their process.
+                fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+            except BlockingIOError:
+                yield False
+                return
+            except OSError:  # a file system without locks costs time, no more
+                pass
+            yield True
+        finally:
+            if file is not None:
+                os.close(file)
+
+
+KERNELS: list["Kernel"] = []
+"""Each that was made, in the order of their making."""
 
 
 class Kernel:
@@ -113,20 +184,56 @@ class Kernel:
         )
         self._compiled: Any = None
         self._lock = threading.Lock()
+        KERNELS.append(self)
+
+    @property
+    def name(self) -> str:
+        """What it is called where it is announced."""
+        module = self._function.__module__.rpartition(".")[2]
+        return f"{module}.{self._function.__name__.lstrip('_')}"
+
+    def folder(self) -> Path:
+        """Where its machine code is kept."""
+        return Path(self._dispatcher()[1].cache_path)
+
+    def is_kept(self) -> bool:
+        """Whether it was compiled before, by this process or another of the same machine."""
+        if self._compiled is not None:
+            return True
+        dispatcher, cache = self._dispatcher()
+        return cache.holds(self._signature, dispatcher.targetctx)
 
     def compile(self) -> Callable[..., int]:
-        """The compiled function, once for all threads."""
-        if self._compiled is None:
-            with self._lock:
-                if self._compiled is None:
-                    dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(self._function)
-                    cache: Any = _StampedCache
-                    dispatcher._cache = cache(self._function)
-                    dispatcher.compile(self._signature)
-                    dispatcher.disable_compile()
-                    self._compiled = dispatcher
+        """The compiled function, once for all threads; while another process compiles it, wait for that one."""
+        self.prepare()
         compiled: Callable[..., int] = self._compiled
         return compiled
+
+    def prepare(self, wait: bool = True) -> bool:
+        """Have it compiled. False where another process is about it, and `wait` is false."""
+        if self._compiled is not None:
+            return True
+        with self._lock:
+            if self._compiled is not None:
+                return True
+            compiling.begin()
+            try:
+                dispatcher, cache = self._dispatcher()
+                with cache.alone(wait) as mine:
+                    if not mine:
+                        return False
+                    dispatcher.compile(self._signature)
+            finally:
+                compiling.end()
+            dispatcher.disable_compile()
+            self._compiled = dispatcher
+            return True
+
+    def _dispatcher(self) -> tuple[Any, _StampedCache]:
+        dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(self._function)
+        make: Any = _StampedCache
+        dispatcher._cache = make(self._function)
+        return dispatcher, dispatcher._cache
 
 
 @lru_cache(maxsize=1)

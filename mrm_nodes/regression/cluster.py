@@ -22,7 +22,14 @@ from typing import Any
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import inputs
 from mrm_nodes.regression.executors import UNSOUND, Judged, Lost, WorkerProcess, estimate
-from mrm_nodes.regression.outcome import Outcome, Task, as_record, from_record, outcome_of
+from mrm_nodes.regression.outcome import (
+    Outcome,
+    Task,
+    as_record,
+    from_record,
+    needs_evaluator,
+    outcome_of,
+)
 
 _IN_FLIGHT = 64
 """Tasks that an executor has at a time: enough for many workers, and few enough to hold their images in memory."""
@@ -244,7 +251,7 @@ def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
         try:
             process = idle.pop()
         except IndexError:
-            process = WorkerProcess(order.backend, _ONE_THREAD)
+            process = WorkerProcess(order.backend, _ONE_THREAD, needs_evaluator(task))
         try:
             if not process.driver:
                 process.driver = process.wait_for_answer()

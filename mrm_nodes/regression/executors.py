@@ -22,13 +22,16 @@ from pathlib import Path
 from typing import Any
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.outcome import Outcome, Task, outcome_of, time_limit_of
+from mrm_nodes.regression.outcome import Outcome, Task, needs_evaluator, outcome_of, time_limit_of
 
 TIME_LIMIT = 600.0
 """Seconds that a case may take."""
 
 _START_LIMIT = 120.0
 """Seconds that a worker process may take to start."""
+
+_COMPILE_LIMIT = 1800.0
+"""Seconds that numba may compile at a time: what takes longer will not end."""
 
 _STARTS = 3
 """Times that a worker process may die as it starts, with no sign of life from any, before the run is given up."""
@@ -102,6 +105,24 @@ class Queue:
         return task
 
 
+@dataclass(frozen=True)
+class Compiling:
+    """What a worker process says as numba begins to compile in it, or has ended; `when` by `time.monotonic()`."""
+
+    begins: bool
+    when: float
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """What a worker process says before its first task of each loop of the evaluator that was not compiled before."""
+
+    name: str
+    """The loop that is there now; none before the first."""
+    done: int
+    total: int
+
+
 class Lost(Exception):
     """A worker process is gone, or must go: says why."""
 
@@ -112,16 +133,20 @@ class WorkerProcess:
     It is a program of its own, not a fork (a GL context does not survive one), and not multiprocessing's: that
     cannot be used from Dask's workers. It ends with the process that started it.
 
+    Time in which numba compiles counts for no task: the first that needs a formula is not at fault.
+
     Args:
         backend: `egl` or `osmesa`.
         variables: environment variables; what the user has set stays.
+        evaluates: whether the evaluator is compiled, where it is not, before the first task.
     """
 
     _PROGRAM = (
-        "import sys; from mrm_nodes.regression.worker import serve; serve(int(sys.argv[1]), sys.argv[2])"
+        "import sys; from mrm_nodes.regression.worker import serve;"
+        "serve(int(sys.argv[1]), sys.argv[2], sys.argv[3] == 'True')"
     )
 
-    def __init__(self, backend: str, variables: Mapping[str, str]) -> None:
+    def __init__(self, backend: str, variables: Mapping[str, str], evaluates: bool = True) -> None:
         self.structures: set[Any] = set()
         self.task: Task | None = None
         self.folder = Path()
@@ -130,7 +155,7 @@ class WorkerProcess:
         self.connection, far = multiprocessing.connection.Pipe()
         # The child must find this package, and whatever a task is made of, wherever this process found it.
         path = os.pathsep.join(path for path in sys.path if path)
-        command = [sys.executable, "-P", "-c", self._PROGRAM, str(far.fileno()), backend]
+        command = [sys.executable, "-P", "-c", self._PROGRAM, str(far.fileno()), backend, str(evaluates)]
         self._process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -142,6 +167,7 @@ class WorkerProcess:
         far.close()
         self._limit = _START_LIMIT
         self._started = time.monotonic()
+        self._compiling_since: float | None = None
 
     @property
     def pid(self) -> int:
@@ -153,6 +179,8 @@ class WorkerProcess:
     @property
     def seconds_left(self) -> float:
         """Until it has taken too long."""
+        if self._compiling_since is not None:
+            return self._compiling_since + _COMPILE_LIMIT - time.monotonic()
         return self._started + self._limit - time.monotonic()
 
     def give(self, task: Task, folder: Path, time_limit: float) -> None:
@@ -177,16 +205,31 @@ class WorkerProcess:
             Lost: the process died, or took longer than it may.
             MrmError: the backend does not work there.
         """
+        while True:
+            message = self.next_message()
+            if not isinstance(message, Compiling | Compiled):
+                return message
+
+    def next_message(self) -> Any:
+        """As `wait_for_answer`, or a word on what is compiled before there is an answer."""
         if not self.connection.poll(max(0.0, self.seconds_left)):
+            if self._compiling_since is not None:
+                raise Lost(f"numba has compiled for {_COMPILE_LIMIT:g} s without an end")
             what = "no result" if self.driver else "no start of the worker process"
             raise Lost(f"{what} within the time limit of {self._limit:g} s")
         try:
-            answer = self.connection.recv()
+            message = self.connection.recv()
         except (EOFError, OSError):
             raise Lost(f"the worker process died ({self._how_it_ended()})") from None
-        if isinstance(answer, MrmError):
-            raise answer
-        return answer
+        if isinstance(message, Compiling):
+            if message.begins:
+                self._compiling_since = message.when
+            elif self._compiling_since is not None:
+                self._started += message.when - max(self._compiling_since, self._started)
+                self._compiling_since = None
+        if isinstance(message, MrmError):
+            raise message
+        return message
 
     def _how_it_ended(self) -> str:
         try:
@@ -209,6 +252,7 @@ def run_locally(
     jobs: int = 1,
     time_limit: float = TIME_LIMIT,
     seconds: Callable[[Task], float] = estimate,
+    on_compiled: Callable[[int, int], None] = lambda done, total: None,
 ) -> Generator[Judged]:
     """Judge tasks in worker processes of this machine.
 
@@ -217,6 +261,8 @@ def run_locally(
         jobs: worker processes; they share the processors.
         time_limit: seconds a task.
         seconds: what a task is expected to take.
+        on_compiled: called where the evaluator is compiled before the first task, with how many of its loops are,
+            and how many were not.
 
     Raises:
         MrmError: worker processes cannot start.
@@ -226,7 +272,7 @@ def run_locally(
     lost: Counter[str] = Counter()
     new_folders = (scratch / str(number) for number in itertools.count())
     used_folders: deque[Path] = deque()
-    crew = _Crew(backend, min(jobs, len(tasks)), jobs)
+    crew = _Crew(backend, min(jobs, len(tasks)), jobs, any(map(needs_evaluator, tasks)), on_compiled)
 
     def hand_out() -> None:
         for member in crew.idle():
@@ -277,8 +323,18 @@ def threads(jobs: int) -> dict[str, str]:
 class _Crew:
     """Worker processes of one backend, each replaced when it is lost."""
 
-    def __init__(self, backend: str, count: int, jobs: int) -> None:
-        self._start = functools.partial(WorkerProcess, backend, threads(jobs))
+    def __init__(
+        self,
+        backend: str,
+        count: int,
+        jobs: int,
+        evaluates: bool,
+        on_compiled: Callable[[int, int], None],
+    ) -> None:
+        self._start = functools.partial(WorkerProcess, backend, threads(jobs), evaluates)
+        self._on_compiled = on_compiled
+        self._compiled: set[str] = set()
+        self._missing = 0
         self._failed_starts = 0
         self.members: list[WorkerProcess] = []
         for _ in range(count):
@@ -309,7 +365,7 @@ class _Crew:
             if member.connection not in spoken and member.seconds_left > 0:
                 continue
             try:
-                answer = member.wait_for_answer()
+                answer = member.next_message()
             except Lost as lost:
                 if member.driver:
                     answers.append((member, lost))
@@ -320,11 +376,21 @@ class _Crew:
                 self.replace(member)
                 continue
             self._failed_starts = 0
-            if member.driver:
+            if isinstance(answer, Compiled):
+                self._announce(answer)
+            elif isinstance(answer, Compiling):
+                pass
+            elif member.driver:
                 answers.append((member, answer))
             else:
                 member.driver = answer
         return answers
+
+    def _announce(self, compiled: Compiled) -> None:
+        """Say how far the evaluator is compiled: members share the work, and each says what is there."""
+        self._compiled |= {compiled.name} - {""}
+        self._missing = max(self._missing, compiled.total)
+        self._on_compiled(len(self._compiled), self._missing)
 
     def replace(self, member: WorkerProcess) -> None:
         """Put a fresh process in a member's place."""

@@ -11,6 +11,7 @@ from typing import Any, Protocol, Self
 
 import numpy as np
 
+from mrm_nodes import compiling
 from mrm_nodes.regression.compare import Figures, Verdict
 
 STAGES = ("generate", "compile", "render", "reference", "compare")
@@ -83,6 +84,11 @@ def time_limit_of(task: Task, usual: float) -> float:
     return usual if own is None else own
 
 
+def needs_evaluator(task: Task) -> bool:
+    """Whether a task is compared with the evaluator and not with a stored image."""
+    return getattr(task, "truth", "physics") != "baseline"
+
+
 def outcome_of(task: Task, backend: str, verdict: Verdict, **others: Any) -> Outcome:
     """An outcome that says which task it belongs to."""
     return Outcome(
@@ -147,9 +153,9 @@ def plain(value: Any) -> Any:
 
 @contextmanager
 def timed(outcome: Outcome, stage: str) -> Iterator[None]:
-    """Add the time that the block takes to a stage of the outcome."""
-    start = time.perf_counter()
+    """Add the time that the block takes to a stage of the outcome, without what numba takes to compile."""
+    start, compiled = time.perf_counter(), compiling.seconds()
     try:
         yield
     finally:
-        outcome.seconds[stage] += time.perf_counter() - start
+        outcome.seconds[stage] += time.perf_counter() - start - (compiling.seconds() - compiled)

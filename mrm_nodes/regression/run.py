@@ -106,6 +106,7 @@ def run_suite(
     cluster: Cluster | None = None,
     gallery: Callable[[Path], Sequence[Mapping[str, str]]] | None = None,
     on_partial: Callable[[Mapping[str, Any]], None] = lambda report: None,
+    on_compiled: Callable[[int, int], None] = lambda done, total: None,
 ) -> dict[str, Any]:
     """Run tasks on backends, write the report into a folder, and return what report.json holds.
 
@@ -124,6 +125,7 @@ def run_suite(
         cluster: where to run instead of in processes of this machine; `jobs` is its own affair then.
         gallery: draws pictures into the folder, to be shown below the cases: title, caption and image of each.
         on_partial: called with what report.json holds where the run ends before its end.
+        on_compiled: as in `run_locally`.
 
     Raises:
         MrmError: the folder cannot be written, is full, or is another run's; the backends are not there; there
@@ -159,7 +161,7 @@ def run_suite(
                         cluster, waiting, name, place, run.inputs, conditions(driver), time_limit, expected
                     )
                     if cluster
-                    else run_locally(waiting, name, place, jobs, time_limit, expected)
+                    else run_locally(waiting, name, place, jobs, time_limit, expected, on_compiled)
                 )
                 with contextlib.closing(judged):
                     for each in judged:

@@ -7,12 +7,13 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from mrm_nodes.regression.outcome import Outcome
@@ -30,13 +31,25 @@ WORDS = {
 }
 """By verdict, its name in a report's summary."""
 
+COMPILING = "compiling the evaluator, once for this installation: a minute or two"
+
 WORST = 5
 MOST_GROUPS = 12
 
 
+@dataclass(frozen=True)
+class Shown:
+    """What to call so that a run is seen."""
+
+    outcome: Callable[[Outcome, int, int], None]
+    """With each outcome: moves the bar, and names each case that did not pass."""
+    compiled: Callable[[int, int], None]
+    """As the evaluator is compiled, with how many of its loops are, and how many were not."""
+
+
 @contextmanager
-def progress(console: Console | None = None) -> Iterator[Callable[[Outcome, int, int], None]]:
-    """A function to call with each outcome: it moves the bar, and names each case that did not pass."""
+def progress(console: Console | None = None) -> Iterator[Shown]:
+    """Show a run for as long as the block lasts."""
     console = console or Console(stderr=True, highlight=False, soft_wrap=True)
     bar = Progress(
         TextColumn("{task.description}"),
@@ -49,6 +62,13 @@ def progress(console: Console | None = None) -> Iterator[Callable[[Outcome, int,
     )
     with bar:
         row = bar.add_task("regression", total=None, name="")
+        compiling: list[TaskID] = []
+
+        def compiled(done: int, total: int) -> None:
+            if not compiling:
+                console.print(COMPILING)
+                compiling.append(bar.add_task("evaluator", total=total, name=""))
+            bar.update(compiling[0], completed=done, total=total, visible=done < total)
 
         def show(outcome: Outcome, done: int, total: int) -> None:
             bar.update(row, completed=done, total=total, name=f"{outcome.backend} {outcome.name}")
@@ -57,7 +77,7 @@ def progress(console: Console | None = None) -> Iterator[Callable[[Outcome, int,
                     f"{_pill(outcome.verdict)} {outcome.backend} {outcome.name} {escape(_why(outcome))}"
                 )
 
-        yield show
+        yield Shown(show, compiled)
 
 
 @contextmanager

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
-import signal
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from mrm_nodes import compiling
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.processes import end_with_parent
 from mrm_nodes.regression import cloud, image_case, inputs, material_case
+from mrm_nodes.regression.executors import Compiled, Compiling
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.context import get_context
@@ -65,18 +66,33 @@ class Worker:
         return outcome
 
 
-def serve(descriptor: int, backend: str) -> None:
+def serve(descriptor: int, backend: str, evaluates: bool) -> None:
     """Judge the tasks that come through a connection until it ends: what a worker process does.
 
     It sends the name of its OpenGL when it is ready, or the MrmError that keeps it from working; then, for each
-    task and folder, the outcome, what it warned of, and whether the worker is still sound.
+    task and folder, the outcome, what it warned of, and whether the worker is still sound. In between it says when
+    numba compiles, which is no task's time.
+
+    evaluates: whether the evaluator is to be compiled, where it is not, before it is ready.
     """
-    _end_with_parent()
+    end_with_parent()
     # What a start warns of, the parent has said.
     warnings.simplefilter("ignore")
     with Connection(descriptor) as connection, contextlib.suppress(BrokenPipeError):
+
+        def say(message: Any) -> None:
+            # Without a parent nothing is waited for.
+            with contextlib.suppress(OSError):
+                connection.send(message)
+
+        compiling.tell(lambda begins, when: say(Compiling(begins, when)))
         try:
             worker = Worker(backend)
+            if evaluates:
+                # A run that finds all in the cache imports this module, and has no need of numba.
+                from mrm_nodes.reference.warmup import warm_up
+
+                warm_up(lambda *done: say(Compiled(*done)))
         except MrmError as error:
             connection.send(error)
             return
@@ -96,10 +112,3 @@ def _told(caught: Sequence[warnings.WarningMessage], task: Task) -> list[str]:
     """The texts of our own warnings, each once; files are named as their task names them."""
     own = [str(each.message) for each in caught if issubclass(each.category, MrmWarning)]
     return list(dict.fromkeys(text.replace(f"{inputs.root_of(task)}/", "") for text in own))
-
-
-def _end_with_parent() -> None:
-    """Have the kernel end this process when its parent ends, even in the midst of a draw that never ends."""
-    # PR_SET_PDEATHSIG of linux/prctl.h; elsewhere the process ends with its next task.
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)

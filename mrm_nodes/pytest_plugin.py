@@ -6,9 +6,10 @@ Nothing heavy is imported before a test uses it.
 from __future__ import annotations
 
 import contextlib
-import shutil
+import json
 import tempfile
 import time
+import uuid
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -19,7 +20,11 @@ import pytest
 if TYPE_CHECKING:
     from mrm_nodes.regression.testing import Picture, Session
 
-_FOLDER = pytest.StashKey[Path]()
+MARK = ".mrm-report"
+"""A file in each folder that this plugin made."""
+
+_PLACE = pytest.StashKey[tuple[Path, str]]()
+"""The folder of the report, and the number of the session: what its processes share."""
 _START = pytest.StashKey[float]()
 
 
@@ -38,27 +43,68 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     config.stash[_START] = time.perf_counter()
-    folder = config.stash[_FOLDER] = _report_folder(config)
-    if not hasattr(config, "workerinput"):  # of pytest-xdist: workers share the folder
-        shutil.rmtree(folder / "outcomes", ignore_errors=True)
+    shared = getattr(config, "workerinput", {}).get("mrm_place")  # of pytest-xdist
+    if shared:
+        config.stash[_PLACE] = Path(shared[0]), shared[1]
+        return
+    number = uuid.uuid4().hex
+    folder = config.stash[_PLACE] = _report_folder(config, number), number
+    _check_own(folder[0])
 
 
-def _report_folder(config: pytest.Config) -> Path:
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    folder, number = node.config.stash[_PLACE]
+    node.workerinput["mrm_place"] = (str(folder), number)
+
+
+def _report_folder(config: pytest.Config, number: str) -> Path:
     given = config.getoption("mrm_report")
     if given:
         return Path(config.invocation_params.dir, given).resolve()
     try:
         cache = config.getini("cache_dir")
     except ValueError:  # -p no:cacheprovider
-        return Path(tempfile.gettempdir()) / f"mrm-report-{config.rootpath.name}"
+        return Path(tempfile.gettempdir()) / f"mrm-report-{number}"
     return Path(config.rootpath, cache, "mrm-report")
+
+
+def _check_own(folder: Path) -> None:
+    """Refuse a folder that holds what this plugin did not make; see it only, for a run may merely collect.
+
+    Raises:
+        pytest.UsageError: it does.
+    """
+    try:
+        held = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    except OSError as error:
+        raise pytest.UsageError(
+            f"--mrm-report: {folder}: {error.strerror}; name a new or an empty folder"
+        ) from None
+    if held and MARK not in held and not _is_older_report(folder, held):
+        more = f" and {len(held) - 3} more" if len(held) > 3 else ""
+        raise pytest.UsageError(
+            f"--mrm-report: {folder} holds {', '.join(held[:3])}{more}, which is no report of the tests; "
+            "name a new or an empty folder"
+        )
+
+
+def _is_older_report(folder: Path, held: list[str]) -> bool:
+    """Whether a folder is what this plugin made before it marked them."""
+    if not {"outcomes", "report.json", "index.html"} <= set(held):
+        return False
+    try:
+        return set(json.loads((folder / "report.json").read_bytes())) == {"environment", "cases", "summary"}
+    except (OSError, ValueError, TypeError):
+        return False
 
 
 @pytest.fixture(scope="session")
 def _mrm_session(pytestconfig: pytest.Config) -> Session:
     from mrm_nodes.regression.testing import Session
 
-    return Session(pytestconfig.stash[_FOLDER], pytestconfig.getoption("mrm_accept"))
+    folder, number = pytestconfig.stash[_PLACE]
+    return Session(folder, number, pytestconfig.getoption("mrm_accept"))
 
 
 @pytest.fixture
@@ -121,15 +167,15 @@ def _told_in_one_line() -> Iterator[None]:
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
-    folder = config.stash[_FOLDER]
-    if not (folder / "outcomes").is_dir():
+    folder, number = config.stash[_PLACE]
+    if hasattr(config, "workerinput") or not (folder / "outcomes" / number).is_dir():
         return
     from mrm_nodes.errors import MrmError
     from mrm_nodes.regression.testing import conclude
 
     terminalreporter.section("images of materials")
     try:
-        outcomes = conclude(folder, time.perf_counter() - config.stash[_START])
+        outcomes = conclude(folder, number, time.perf_counter() - config.stash[_START])
     except MrmError as error:
         terminalreporter.line(f"no report: {error}", red=True)
         return

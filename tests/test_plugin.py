@@ -176,6 +176,107 @@ def test_two_tests_cannot_share_a_name(studio):
     result.stdout.fnmatch_lines(["*two tests call their picture same: *::test_a and *::test_b"])
 
 
+def test_two_tests_of_two_processes_cannot_share_a_name_either(studio):
+    line = 'mrm_assert_image(mrm_render("tape.mtlx", size=(8, 8)), name)'
+    for which, name in (("a", "Same"), ("b", "same")):
+        text = f"def test_{which}(mrm_render, mrm_assert_image):\n    name = '{name}'\n    {line}\n"
+        studio.path.joinpath(f"tests/test_{which}.py").write_text(text)
+    result = studio.runpytest_subprocess(
+        "--mrm-report=out",
+        "-q",
+        "-n",
+        "2",
+        "--dist=loadfile",
+        "--mrm-accept",
+        "tests",
+        "-k",
+        "test_a or test_b",
+    )
+    result.assert_outcomes(passed=1, failed=1)
+    result.stdout.fnmatch_lines(["*two tests call their picture [sS]ame: *::test_[ab] and *::test_[ab]"])
+    assert len([name for name in stored(studio) if name.endswith(".exr")]) == 1
+
+
+def test_an_acceptance_that_another_run_forestalled_fails_its_test_and_is_not_counted(studio):
+    studio.path.joinpath("tests/test_late.py").write_text(
+        """
+from mrm_nodes.regression.baseline import Store
+
+def test_late(mrm_render, mrm_assert_image, monkeypatch):
+    standing = Store.standing
+
+    def looked(store, name):
+        seen = standing(store, name)
+        monkeypatch.undo()
+        other = mrm_render("tape.mtlx", size=(9, 9))
+        from mrm_nodes.render import write_exr
+        write_exr(store.folder.parent / "other.exr", other.image)
+        store.accept(name, store.folder.parent / "other.exr", {"inputs": "another's"}, "quicker")
+        return seen
+
+    monkeypatch.setattr(Store, "standing", looked)
+    mrm_assert_image(mrm_render("tape.mtlx", size=(8, 8)), "late")
+"""
+    )
+    result = run(studio, "tests/test_late.py", "--mrm-accept")
+    result.assert_outcomes(failed=1)
+    result.stdout.fnmatch_lines(
+        [
+            "*not accepted: late: * accepted another image meanwhile (*): look at that image*",
+            "1 error, 0 accepted;*",
+        ]
+    )
+    assert json.loads(stored(studio)["late.json"])["accepted"]["why"] == "quicker"
+
+
+@pytest.mark.parametrize("held", ["notes.txt", "outcomes", "index.html", "report.json"])
+def test_a_folder_that_holds_anything_else_is_refused_by_name_and_left_as_it_is(studio, held):
+    folder = studio.path / "precious"
+    folder.mkdir()
+    if held == "outcomes":
+        (folder / held).mkdir()
+        (folder / held / "measured.json").write_text("{}")
+    else:
+        (folder / held).write_text("{}")
+    before = sorted((path, path.is_file() and path.read_bytes()) for path in folder.rglob("*"))
+    result = studio.runpytest_subprocess("--mrm-report=precious", "-q", "tests")
+    assert result.ret == pytest.ExitCode.USAGE_ERROR
+    result.stderr.fnmatch_lines(
+        [f"*--mrm-report: {folder} holds {held}, which is no report of the tests; name *"]
+    )
+    assert sorted((path, path.is_file() and path.read_bytes()) for path in folder.rglob("*")) == before
+
+
+def test_collecting_writes_nothing(studio):
+    assert studio.runpytest_subprocess("--mrm-report=out", "--collect-only", "tests").ret == 0
+    assert not (studio.path / "out").exists()
+    run(studio, "tests")
+    before = {path: path.stat().st_mtime_ns for path in (studio.path / "out").rglob("*")}
+    assert studio.runpytest_subprocess("--mrm-report=out", "--collect-only", "tests").ret == 0
+    assert {path: path.stat().st_mtime_ns for path in (studio.path / "out").rglob("*")} == before
+
+
+def test_a_session_removes_its_own_outcomes_and_no_other_s(studio):
+    other = studio.path / "out" / "outcomes" / "other"
+    run(studio, "tests")
+    other.mkdir()
+    (other / "a.json").write_text("{}")
+    run(studio, "tests").assert_outcomes(failed=1)
+    assert [path.name for path in (studio.path / "out" / "outcomes").iterdir()] == ["other"]
+    assert (other / "a.json").is_file()
+
+
+def test_without_pytest_s_cache_the_report_has_a_fresh_private_folder(studio, monkeypatch):
+    place = studio.path / "tmp"
+    place.mkdir()
+    monkeypatch.setenv("TMPDIR", str(place))
+    for _ in range(2):
+        studio.runpytest_subprocess("-p", "no:cacheprovider", "-q", "tests").assert_outcomes(failed=1)
+    folders = list(place.glob("mrm-report-*"))
+    assert len(folders) == 2
+    assert all(folder.stat().st_mode & 0o777 == 0o700 for folder in folders)
+
+
 def test_a_run_without_pictures_says_nothing(pytester):
     pytester.makepyfile("def test_it(): pass")
     result = pytester.runpytest_inprocess("-q")

@@ -9,6 +9,8 @@ import functools
 import json
 import os
 import re
+import shutil
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -19,8 +21,9 @@ from numpy.typing import NDArray
 
 from mrm_nodes import documents, shadergen
 from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.pytest_plugin import MARK
 from mrm_nodes.regression import baseline
-from mrm_nodes.regression.files import write_text
+from mrm_nodes.regression.files import lock, write_text
 from mrm_nodes.regression.inputs import versions
 from mrm_nodes.regression.junit import in_words
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, read, with_values
@@ -37,7 +40,7 @@ from mrm_nodes.render.renderer import render as render_shader
 from mrm_nodes.render.scene import Framing, Light, parse_camera, parse_light
 
 OUTCOMES = "outcomes"
-"""Folder of the outcomes of a session, a file each: processes share nothing else."""
+"""Folder of the outcomes of each session, a file each: its processes share nothing else."""
 
 
 @dataclass(frozen=True)
@@ -150,9 +153,10 @@ def _map(folder: Path, environment: str | os.PathLike[str]) -> str:
 
 @dataclass(frozen=True)
 class Session:
-    """One run of tests: where its report lies, and whether renders are accepted."""
+    """One run of tests: where its report lies, which run it is, and whether renders are accepted."""
 
     folder: Path
+    number: str
     accept: bool = False
 
     def judge(
@@ -173,17 +177,15 @@ class Session:
         if truth not in get_args(Truth):
             raise MrmError(f"truth {truth!r}; it is {' or '.join(get_args(Truth))}")
         name = safe(name)
-        taken = self._test_of(name)
-        if taken not in ("", test):
-            raise MrmError(f"two tests call their picture {name}: {taken} and {test}")
+        self._prepare()
+        self._claim(name, test)
         asked = tolerance if isinstance(tolerance, Tolerance) else _tolerance(tolerance or {})
         case = replace(seen.case, name=name, truth=truth, tolerance=asked)
-        self.folder.mkdir(parents=True, exist_ok=True)
+        standing = case.store.standing(name)
         outcome = _worker(seen.backend).run(case, self.folder)
-        stored = case.store.paths(name)[1].is_file()
-        if truth == "baseline" and not stored and outcome.files:
+        if truth == "baseline" and not standing and outcome.files:
             outcome.message = f"no baseline yet in {case.store.folder}"
-        complaint = self._accept(case, outcome, stored) if self.accept else _complaint(case, outcome)
+        complaint = self._accept(case, outcome, standing) if self.accept else _complaint(case, outcome)
         outcome.details = {**outcome.details, "test": test, "driver": _driver(outcome.backend)}
         self._keep(outcome)
         place = outcome.files.get("render")
@@ -196,7 +198,7 @@ class Session:
             more.append(f"if this render is right: pytest --mrm-accept '{test}'")
         return "\n".join(more)
 
-    def _accept(self, case: MaterialCase, outcome: Outcome, stored: bool) -> str:
+    def _accept(self, case: MaterialCase, outcome: Outcome, standing: str) -> str:
         """Make the render the baseline where it is not; what has no render fails as ever."""
         if outcome.verdict == "pass":
             return ""
@@ -212,24 +214,59 @@ class Session:
         }
         image = self.folder / str(outcome.files["render_data"])
         plain = json.loads(json.dumps(provenance))
-        case.store.accept(case.name, image, plain, "pytest --mrm-accept")
+        try:
+            case.store.accept(case.name, image, plain, "pytest --mrm-accept", standing)
+        except MrmError as error:
+            outcome.verdict, outcome.message = "error", f"not accepted: {error}"
+            return outcome.message
         before = f"it differed: {in_words(as_record(outcome))}" if outcome.figures else "it is the first"
-        if stored and not outcome.figures:
+        if standing and not outcome.figures:
             before = f"the one before could not be compared: {outcome.message}"
         accepted = {"accepted": os.fspath(case.store.paths(case.name)[0]), "before": before}
         outcome.details = {**outcome.details, **accepted}
         outcome.verdict, outcome.message = "skipped", f"accepted as the new baseline; {before}"
         return ""
 
-    def _test_of(self, name: str) -> str:
-        """The test of this session that has used a name, or nothing."""
-        path = self.folder / OUTCOMES / f"{name}.json"
-        return str(json.loads(path.read_text("utf-8"))["details"]["test"]) if path.is_file() else ""
+    @property
+    def _outcomes(self) -> Path:
+        return self.folder / OUTCOMES / self.number
+
+    def _prepare(self) -> None:
+        """Make the folder, marked as ours: whoever runs tests in a folder of another's must not find out too late.
+
+        Raises:
+            MrmError: it cannot be made.
+        """
+        try:
+            # In a folder of everybody's, nobody but this user has to see it.
+            private = self.folder.parent == Path(tempfile.gettempdir())
+            self.folder.mkdir(0o700 if private else 0o777, parents=True, exist_ok=True)
+            (self.folder / MARK).touch()
+            self._outcomes.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise MrmError(f"{self.folder}: cannot be written: {error.strerror}") from None
+
+    def _claim(self, name: str, test: str) -> None:
+        """Have no other test of this session use a name, in whatever process it runs.
+
+        Raises:
+            MrmError: one has.
+        """
+        # Names that differ in case alone are one file to some who check the baselines out.
+        claims = self._outcomes / "names"
+        with claims.open("a+", encoding="utf-8") as file:
+            lock(file.fileno(), baseline.PATIENCE)
+            file.seek(0)
+            taken = dict(json.loads(line) for line in file)
+            user = taken.get(name.casefold(), test)
+            if user != test:
+                raise MrmError(f"two tests call their picture {name}: {user} and {test}")
+            if name.casefold() not in taken:
+                file.write(json.dumps([name.casefold(), test]) + "\n")
 
     def _keep(self, outcome: Outcome) -> None:
-        (self.folder / OUTCOMES).mkdir(exist_ok=True)
         text = json.dumps(as_record(outcome), allow_nan=False)
-        write_text(self.folder / OUTCOMES / f"{outcome.name}.json", text)
+        write_text(self._outcomes / f"{outcome.name}.json", text)
 
 
 def _complaint(case: MaterialCase, outcome: Outcome) -> str:
@@ -266,22 +303,18 @@ def safe(name: str) -> str:
     return re.sub(r"[^\w.+-]+", "-", name, flags=re.ASCII).strip("-.") or "picture"
 
 
-def outcomes(folder: Path) -> list[Outcome]:
-    """What a session's processes left in its folder."""
-    return [
-        from_record(json.loads(path.read_text("utf-8")))
-        for path in sorted((folder / OUTCOMES).glob("*.json"))
-    ]
-
-
-def conclude(folder: Path, seconds: float) -> list[Outcome]:
+def conclude(folder: Path, number: str, seconds: float) -> list[Outcome]:
     """Write the report of a session where it compared anything; return its outcomes.
+
+    number: the session's; what its processes left under it is removed.
 
     Raises:
         MrmError: it cannot be written.
     """
-    told = outcomes(folder)
+    left = folder / OUTCOMES / number
+    told = [from_record(json.loads(path.read_text("utf-8"))) for path in sorted(left.glob("*.json"))]
     if told:
         plan = Plan({outcome.backend: str(outcome.details["driver"]) for outcome in told}, {})
         write_report(folder, describe_environment(plan), told, seconds)
+    shutil.rmtree(left, ignore_errors=True)
     return told

@@ -9,9 +9,11 @@ import textwrap
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
+from xml.etree import ElementTree
 
 import pytest
 
+from mrm_nodes import cli
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression import journal, run
 from mrm_nodes.regression.cache import Cache
@@ -335,7 +337,31 @@ def test_shards_merge_to_the_report_of_the_whole(judges, suite, folder, tmp_path
     assert {"shard", "partial"}.isdisjoint(merged["environment"])
     for name in "abcde":
         assert (tmp_path / "merged" / "cases" / name / "copy").read_text() == f"contents of {name}"
-    assert merge(parts[:2], tmp_path / "two")["environment"]["partial"] == "shards are missing: 3/3"
+
+
+@pytest.mark.parametrize("given", [(1,), (1, 3)])
+def test_a_shard_that_is_missing_is_an_error_unless_it_may_be(judges, suite, folder, tmp_path, given):
+    """A CI job that was cancelled must not pass for one whose cases passed."""
+    for number in given:
+        run_suite(suite, tmp_path / f"part{number}", shard=(number, 3))
+    junit = tmp_path / "junit.xml"
+    arguments = [f"{tmp_path}/part{number}" for number in given] + ["-o", str(folder), "--junit", str(junit)]
+
+    def status(*more):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["merge", *arguments, *more])
+        return ended.value.code
+
+    absent = [f"{number}/3" for number in (1, 2, 3) if number not in given]
+    assert status() == 1
+    report = json.loads((folder / "report.json").read_text())
+    assert report["environment"]["partial"] == f"shards are missing: {', '.join(absent)}"
+    tests = ElementTree.parse(junit).getroot().findall("testsuite[@name='shards']/testcase")
+    assert [test.get("name") for test in tests] == [f"shard {each}" for each in absent]
+    for test, each in zip(tests, absent, strict=True):
+        assert f"shard {each} is missing" in test.find("error").get("message")
+    assert status("--partial") == 0
+    assert "shards are missing" in junit.read_text() and "<error" not in junit.read_text()
 
 
 def test_what_is_no_shard_of_the_same_run_is_not_merged(judges, suite, folder, tmp_path):

@@ -180,15 +180,24 @@ def _scene_gallery(folder: Path) -> Sequence[Mapping[str, str]]:
 @click.command()
 @click.argument("parts", type=Path, nargs=-1, required=True, metavar="DIR...")
 @click.option("-o", "--output", "folder", type=Path, required=True, help="Folder of the report.")
+@click.option("--partial", is_flag=True, help="Shards may be missing: only what is there decides.")
 @_results
 def merge(
-    parts: tuple[Path, ...], folder: Path, json_file: Path | None, junit: Path | None, strict: bool
+    parts: tuple[Path, ...],
+    folder: Path,
+    partial: bool,
+    json_file: Path | None,
+    junit: Path | None,
+    strict: bool,
 ) -> int:
-    """Make one report of the reports DIR... of `regress --shard 1/N`, 2/N and so on."""
+    """Make one report of the reports DIR... of `regress --shard 1/N`, 2/N and so on.
+
+    Exit status 1 where one of the N is missing, and an error in the JUnit file for each.
+    """
     from mrm_nodes.regression import run
 
     _prepare(folder, json_file, junit)
-    report = run.merge(parts, folder)
+    report = run.merge(parts, folder, partial)
     return _publish(report, folder, json_file, junit, strict)
 
 
@@ -237,6 +246,7 @@ def _publish(
     terminal.print_summary(report, folder / "index.html", console)
     summary = report["summary"]
     bad = summary["failed"] + summary["errors"] + (summary["undecided"] if strict else 0)
+    bad += len(report["environment"].get("missing", ()))
     return FAILED if bad else 0
 
 

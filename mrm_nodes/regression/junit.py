@@ -1,6 +1,7 @@
 """A run as JUnit XML: what continuous-integration systems show of tests.
 
-A suite for each backend, a test for each case. `undecided` is a test that was skipped with its reason, and under
+A suite for each backend, a test for each case; a shard that `merge` misses is an error of a suite of their own.
+`undecided` is a test that was skipped with its reason, and under
 `--strict` a failure. The file is sound by both schemas that are in use, Jenkins' (junit-10.xsd of its xunit plugin) and
 the stricter one of Ant's format (JUnit.xsd of Windy Road).
 """
@@ -24,11 +25,20 @@ def junit_xml(report: Mapping[str, Any], strict: bool = False) -> str:
     by_backend: dict[str, list[Mapping[str, Any]]] = {}
     for case in report["cases"]:
         by_backend.setdefault(case["backend"], []).append(case)
+    for shard in report["environment"].get("missing", ()):
+        by_backend.setdefault("shards", []).append(_missing(shard))
     root = ET.Element("testsuites")
     for number, (backend, cases) in enumerate(by_backend.items()):
         root.append(_suite(backend, number, cases, report["environment"], strict))
     ET.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
+
+
+def _missing(shard: str) -> dict[str, Any]:
+    """A shard that did not come, as a case."""
+    message = f"shard {shard} is missing: its cases were not run, or its report was not given to merge"
+    place = {"backend": "shards", "target": "merge", "node": "shard"}
+    return {**place, "name": f"shard {shard}", "verdict": "error", "message": message, "seconds": {}}
 
 
 def _suite(

@@ -341,10 +341,14 @@ class _Run:
         return write_records(self._folder, self.environment, [*self._records.values()], seconds)
 
 
-def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
+def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[str, Any]:
     """Make one report of the shards of a run, copying their files, and return what report.json holds.
 
-    Its seconds are those of the shard that took longest. Where shards are missing, it says that it is partial.
+    Its seconds are those of the shard that took longest. Where shards are missing, it says that it is partial, and
+    its environment names them as `missing`.
+
+    Args:
+        partial: whether shards may be missing: the report is then as good as those that are there.
 
     Raises:
         MrmError: a folder has no journal, or they are not shards of one run.
@@ -384,10 +388,12 @@ def merge(parts: Sequence[Path], folder: Path) -> dict[str, Any]:
                 raise MrmError(f"{part}: {len(undone)} cases are not done; finish it with --resume")
             seconds = max(seconds, _seconds_of(part / "report.json"))
         environment = {name: value for name, value in first["environment"].items() if name != "shard"}
-        absent = sorted({*range(1, first["shard"][1] + 1)} - {*shards})
-        if absent:
-            missing = ", ".join(f"{number}/{first['shard'][1]}" for number in absent)
-            environment["partial"] = f"shards are missing: {missing}"
+        count = first["shard"][1]
+        missing = [f"{number}/{count}" for number in range(1, count + 1) if number not in shards]
+        if missing:
+            environment["partial"] = f"shards are missing: {', '.join(missing)}"
+            if not partial:
+                environment["missing"] = missing
         return write_records(folder, environment, [*records.values()], seconds)
 
 

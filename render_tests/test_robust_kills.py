@@ -65,7 +65,7 @@ def studio(working_backend, tmp_path_factory):
     names = ["--suite", str(folder / "suite.toml"), "--report", str(folder / "report")]
     run_suite(suites.suite(names[1]), folder / "report", working_backend)
     with pytest.raises(SystemExit, match="0"):
-        cli.main(["baseline", "accept", "*", *names])
+        cli.main(["baseline", "accept", "*", "--reason", "seen", *names])
     return folder
 
 

@@ -137,7 +137,7 @@ def test_provenance_says_who_when_why_and_with_what(suite: Path, command):
 
 
 def test_a_changed_material_fails_against_its_baseline(suite: Path, command, worker: Worker):
-    command("accept", SOFT)
+    command("accept", SOFT, "--reason", "seen")
     (suite / "velvet.mtlx").write_text(VELVET.replace("</sheen_bsdf>", DARKER))
     before = stored(suite)
     assert run_cases(suite, worker)[SOFT] == "fail"
@@ -147,13 +147,13 @@ def test_a_changed_material_fails_against_its_baseline(suite: Path, command, wor
 
 def test_a_render_of_other_inputs_is_not_accepted(suite: Path, command):
     (suite / "velvet.mtlx").write_text(VELVET + "\n<!-- edited since the run -->\n")
-    status, _, err = command("accept", SOFT)
+    status, _, err = command("accept", SOFT, "--reason", "seen")
     assert status == 2 and "changed since" in err
     assert stored(suite) == {}
 
 
 def test_several_are_accepted_by_a_pattern_and_each_is_named(suite: Path, command):
-    status, out, _ = command("accept", "velvet-*")
+    status, out, _ = command("accept", "velvet-*", "--reason", "seen")
     assert status == 0
     assert f"accepted {SOFT}" in out and f"accepted {ROUGH}" in out
     assert len(log(suite)) == 2
@@ -164,12 +164,12 @@ def test_one_case_that_cannot_be_accepted_keeps_the_others_from_it(suite: Path, 
     report = json.loads(record.read_text())
     report["cases"] = [each for each in report["cases"] if each["name"] != ROUGH]
     record.write_text(json.dumps(report))
-    assert command("accept", SOFT, ROUGH)[0] == 2
+    assert command("accept", SOFT, ROUGH, "--reason", "seen")[0] == 2
     assert stored(suite) == {}
 
 
 def test_rejecting_is_recorded_and_changes_no_baseline(suite: Path, command):
-    command("accept", SOFT)
+    command("accept", SOFT, "--reason", "seen")
     before = stored(suite)
     status, out, _ = command("reject", SOFT, ROUGH, "--reason", "too bright")
     assert status == 0 and "as it was" in out
@@ -180,15 +180,71 @@ def test_rejecting_is_recorded_and_changes_no_baseline(suite: Path, command):
 
 def test_status_tells_missing_accepted_and_forgotten_ones_apart(suite: Path, command):
     assert command("status")[0] == 1
-    command("accept", "*")
+    command("accept", "*", "--reason", "seen")
     status, out, _ = command("status")
     assert status == 0 and out.count("accepted") == 2
     (suite / "suite.toml").write_text(SUITE.replace("[0.3, 0.6]", "[0.3]"))
     assert "of no case" in command("status")[1]
 
 
+@pytest.mark.parametrize("words", [[], ["--reason", " "]])
+def test_whoever_accepts_says_why(words: list[str], suite: Path, command):
+    status, _, err = command("accept", SOFT, *words)
+    assert status == 2 and err.count("\n") == 1 and '--reason "' in err
+    assert stored(suite) == {}
+
+
+TEXTURED = VELVET.replace(
+    '<sheen_bsdf name="b" type="BSDF">',
+    """<image name="i" type="color3"><input name="file" type="filename" value="a.exr" /></image>
+<sheen_bsdf name="b" type="BSDF"><input name="color" type="color3" nodename="i" />""",
+)
+AGAIN = """
+[[case]]
+material = "velvet.mtlx"
+truth = "baseline"
+[[case]]
+material = "textured.mtlx"
+[[case]]
+material = "textured.mtlx"
+name = "surrounded"
+environment = "sky"
+"""
+
+
+@pytest.mark.parametrize(
+    ("versions", "again"),
+    [
+        ({"mrm-nodes": "0.1.0"}, True),
+        (None, True),
+        ("damaged", True),
+        ({"mrm-nodes": "0.2.0"}, False),
+        ({"mrm-nodes": "0.10.1.dev3"}, False),
+        ({"mrm-nodes": "1.0"}, False),
+    ],
+)
+def test_a_texture_that_may_have_been_a_light_is_to_be_looked_at_again(
+    versions: Any, again: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+):
+    """Before 0.2.0 a textured material without an environment could be lit by its own texture."""
+    (tmp_path / "suite.toml").write_text(AGAIN)
+    (tmp_path / "velvet.mtlx").write_text(VELVET)
+    (tmp_path / "textured.mtlx").write_text(TEXTURED)
+    write_exr(tmp_path / "a.exr", np.ones((4, 4, 3)))
+    for case in load(tmp_path / "suite.toml").cases:
+        provenance = {"inputs": baseline.fingerprint(case), "versions": versions}
+        case.store.accept(case.name, tmp_path / "a.exr", provenance, "seen")
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["baseline", "status", "--suite", str(tmp_path / "suite.toml")])
+    out = capsys.readouterr().out
+    assert (ended.value.code or 0) == int(again)
+    marked = [line.split()[1] for line in out.splitlines() if "to be looked at again" in line]
+    assert marked == (["textured"] if again else [])
+    assert not isinstance(versions, dict) or out.count(versions["mrm-nodes"]) == 3
+
+
 def test_diff_compares_the_last_run_with_the_baseline(suite: Path, command, worker: Worker):
-    command("accept", SOFT)
+    command("accept", SOFT, "--reason", "seen")
     assert command("diff", SOFT)[0] == 0
     render = suite / "report" / "cases" / worker.backend / SOFT / "render.exr"
     write_exr(render, read_image(render) * 1.02)
@@ -199,7 +255,7 @@ def test_diff_compares_the_last_run_with_the_baseline(suite: Path, command, work
 
 @pytest.mark.parametrize("name", [METAL, "nothing"])
 def test_only_a_case_whose_truth_is_a_baseline_has_one(name: str, command, suite: Path):
-    status, _, err = command("accept", name)
+    status, _, err = command("accept", name, "--reason", "seen")
     assert status == 2
     assert ('truth = "baseline"' in err) == (name == METAL)
     assert stored(suite) == {}
@@ -226,7 +282,7 @@ def replace_by_another(path: Path) -> None:
 def test_a_damaged_baseline_is_an_error_that_says_what_to_do(
     file: str, harm: Callable[[Path], None], suite: Path, command, worker: Worker
 ):
-    command("accept", SOFT)
+    command("accept", SOFT, "--reason", "seen")
     harm(suite / "baselines" / f"{SOFT}.{file}")
     before = stored(suite)
     (case,) = (case for case in load(suite / "suite.toml").cases if case.name == SOFT)
@@ -236,14 +292,14 @@ def test_a_damaged_baseline_is_an_error_that_says_what_to_do(
     status, out, _ = command("status")
     assert status == 1 and "damaged" in out
     assert stored(suite) == before
-    assert command("accept", SOFT)[0] == 0
+    assert command("accept", SOFT, "--reason", "seen")[0] == 0
     assert worker.run(case, suite / "report").verdict == "pass"
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", '{"cases": 3}', '{"cases": [1], "environment": {}}'])
 def test_a_damaged_report_is_an_error(content: str, suite: Path, command):
     (suite / "report" / "report.json").write_text(content)
-    status, _, err = command("accept", SOFT)
+    status, _, err = command("accept", SOFT, "--reason", "seen")
     assert status == 2 and "report.json" in err
 
 
@@ -253,13 +309,13 @@ def test_a_report_with_something_else_in_a_record_is_an_error(key: str, suite: P
     report = json.loads(file.read_text())
     for damaged in ({**report["cases"][0], key: None}, {**report["cases"][0], key: ["x"]}):
         file.write_text(json.dumps({**report, "cases": [damaged]}))
-        status, _, err = command("accept", SOFT)
+        status, _, err = command("accept", SOFT, "--reason", "seen")
         assert status == 2 and "report.json: damaged; run regress again" in err
 
 
 def test_a_damaged_render_is_not_accepted(suite: Path, command, worker: Worker):
     cut(suite / "report" / "cases" / worker.backend / SOFT / "render.exr")
-    assert command("accept", SOFT)[0] == 2
+    assert command("accept", SOFT, "--reason", "seen")[0] == 2
     assert stored(suite) == {}
 
 
@@ -396,7 +452,7 @@ def test_no_baseline_is_changed_by_anything_that_happens_to_a_run(
     worker: Worker,
     monkeypatch: pytest.MonkeyPatch,
 ):
-    command("accept", "*")
+    command("accept", "*", "--reason", "seen")
     studio = Studio(suite, worker)
     monkeypatch.setattr(run, "run_locally", studio.judge)
     monkeypatch.setattr(run, "probe_backends", lambda *_: [BackendReport(worker.backend, True)])

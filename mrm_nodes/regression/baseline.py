@@ -78,6 +78,12 @@ def _bytes(path: Path) -> bytes:
         raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
 
 
+def made_by(record: Mapping[str, Any]) -> str:
+    """The version of this package that rendered what a provenance is of; empty where it does not say."""
+    versions = record.get("versions")
+    return str(versions.get("mrm-nodes", "")) if isinstance(versions, dict) else ""
+
+
 def holds_baselines(folder: Path) -> bool:
     """Whether stored images lie in a folder, so that nothing else may be written there."""
     return (folder / LOG).exists()
@@ -107,7 +113,8 @@ class Store:
         _, path = self.paths(name)
         if not path.is_file():
             raise Missing(
-                f"{name} has no baseline yet: look at its render, then `mrm-nodes baseline accept {name}`"
+                f"{name} has no baseline yet: look at its render, then "
+                f"`mrm-nodes baseline accept {name} --reason ...`"
             )
         try:
             record = json.loads(_bytes(path))

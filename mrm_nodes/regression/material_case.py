@@ -50,6 +50,13 @@ class EnvironmentMap:
     """Of `rotation`, `intensity` and `samples`, those that differ from `find_environment`'s."""
 
 
+IMAGE_SUFFIXES = (
+    *(".bmp", ".dds", ".dpx", ".exr", ".gif", ".hdr", ".jpeg", ".jpg", ".pic", ".png"),
+    *(".psd", ".tga", ".tif", ".tiff", ".tx", ".txr", ".webp"),
+)
+"""Endings of the images that MaterialX's loaders know."""
+
+
 @dataclass(frozen=True)
 class MaterialCase:
     """One image of a user's material. File names are relative to `root`."""
@@ -120,6 +127,11 @@ class MaterialCase:
             "baselines": self.baselines,
             "allow_external": self.allow_external,
         }
+
+    @property
+    def has_textures(self) -> bool:
+        """Whether its material reads images."""
+        return any(Path(name).suffix.lower() in IMAGE_SUFFIXES for name in self.depends)
 
     def sources(self) -> tuple[Path, ...]:
         """The files that the render depends on."""

@@ -12,6 +12,8 @@ DEEPEST = 100
 """Graphs that implement nodes of graphs that implement nodes, and so on."""
 MOST_NODES = 20_000
 """Nodes that one graph may come to."""
+MOST_LIBRARIES = 8
+"""Libraries of which is known what their graphs come to."""
 
 
 def check_cycles(document: mx.Document, where: str) -> None:
@@ -25,10 +27,33 @@ def check_cycles(document: mx.Document, where: str) -> None:
     for element in document.traverseTree():
         if element.hasAttribute("inherit") and _raises(element):
             raise MrmError(f"{where}: {element.getNamePath()}: inherits from itself")
-    graphs = {graph.getName(): graph for graph in document.getNodeGraphs()}
-    sizes: dict[str, int] = {}
+    graphs = _graphs_of(document)
+    known = _sizes(document.getDataLibrary()) if document.hasDataLibrary() else {}
+    sizes = {name: size for name, size in known.items() if name not in graphs}
     for name in graphs:
         _measure(name, graphs, sizes, (), where)
+
+
+#: By a library's identity: documents have no hash. A library that is kept here keeps its identity.
+_LIBRARIES: dict[int, tuple[mx.Document, dict[str, int]]] = {}
+
+
+def _sizes(library: mx.Document) -> dict[str, int]:
+    """What the graphs of a library come to, measured once: no document that refers to it changes them."""
+    kept, sizes = _LIBRARIES.get(id(library), (None, {}))
+    if kept is not library:
+        graphs = _graphs_of(library)
+        for name in graphs:
+            _measure(name, graphs, sizes, (), "the node library")
+        if len(_LIBRARIES) >= MOST_LIBRARIES:
+            _LIBRARIES.clear()
+        _LIBRARIES[id(library)] = library, sizes
+    return sizes
+
+
+def _graphs_of(document: mx.Document) -> dict[str, mx.NodeGraph]:
+    """A document's own graphs, by name; those of its data library are that library's."""
+    return {each.getName(): each for each in document.getChildren() if isinstance(each, mx.NodeGraph)}
 
 
 def _raises(element: mx.Element) -> bool:
@@ -49,7 +74,7 @@ def _measure(
     if len(above) > DEEPEST:
         raise MrmError(f"{where}: {name}: more than {DEEPEST} graphs within each other")
     if name not in sizes:
-        inner = [each for each in _graphs_within(graphs[name]) if each in graphs]
+        inner = [each for each in _graphs_within(graphs[name]) if each in graphs or each in sizes]
         sizes[name] = 1 + sum(_measure(each, graphs, sizes, (*above, name), where) for each in inner)
         if sizes[name] > MOST_NODES:
             raise MrmError(f"{where}: {name}: becomes more than {MOST_NODES} nodes")

@@ -15,8 +15,10 @@ import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
 from mrm_nodes import library, mdl
-from mrm_nodes.documents import check_document, find_renderable, nodes_of, one_line, read_document
+from mrm_nodes.documents import one_line, read_document
+from mrm_nodes.elements import check_document, find_renderable, used_by
 from mrm_nodes.errors import MrmError, unknown
+from mrm_nodes.naming import named_for_code
 
 #: Light nodes as every shader of ours knows them, by the number that LightData.type carries.
 LIGHT_TYPES = {"directional_light": 1, "point_light": 2, "spot_light": 3}
@@ -137,14 +139,15 @@ def generate_shader(
         document = read_document(path_or_document, libraries, allow_external)
         where = os.fspath(path_or_document)
         folder = Path(path_or_document).resolve().parent
-    check_document(document, where)
     renderable = find_renderable(document, where, element)
+    generator = generator_class.create()  # type: ignore[attr-defined]
+    check_document(document, where, renderable, generator.getTarget())
+    document, renderable = named_for_code(document, renderable)
     if target == "mdl":
         path = renderable.getNamePath()
         document, _ = mdl.prepared(document, libraries)
         renderable = document.getDescendant(path)
 
-    generator = generator_class.create()  # type: ignore[attr-defined]
     context = mx_gen_shader.GenContext(generator)
     search_path = library.search_path(libraries)
     context.registerSourceCodeSearchPath(search_path)
@@ -171,9 +174,10 @@ def generate_shader(
 
     name = mx.createValidName(renderable.getNamePath().replace("/", "_"))
     try:
+        generator.registerTypeDefs(document)
         shader = generator.generate(name, renderable, context)
     except Exception as error:  # MaterialX's own exception types differ between versions
-        reason = _without_implementation(document, generator.getTarget()) or one_line(error)
+        reason = _without_implementation(renderable, generator.getTarget()) or one_line(error)
         raise MrmError(f"{where}: {target} shader of {renderable.getNamePath()}: {reason}") from None
     image_path = library.search_path(libraries)
     image_path.prepend(mx.FilePath(str(folder.resolve())))
@@ -199,10 +203,10 @@ def _knowing_environment(source: str, environment: str) -> str:
     return source[:place] + define + source[place:]
 
 
-def _without_implementation(document: mx.Document, target: str) -> str:
+def _without_implementation(element: mx.Element, target: str) -> str:
     """Name the first node that a target has no implementation for; empty where each has one."""
-    for node in nodes_of(document):
-        definition = node.getNodeDef(target) or node.getNodeDef()
+    for node in used_by([element], target):
+        definition = (node.getNodeDef(target) or node.getNodeDef()) if node.isA(mx.Node) else None
         if definition is not None and definition.getImplementation(target) is None:
             return f"node {node.getNamePath()}: {node.getCategory()} has no implementation for this target"
     return ""

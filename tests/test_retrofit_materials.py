@@ -22,7 +22,8 @@ from surface_lobes import (
 )
 
 import mrm_nodes
-from mrm_nodes.documents import check_document, read_document
+from mrm_nodes.documents import read_document
+from mrm_nodes.elements import check_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.compare import relative_error
 from mrm_nodes.regression.reference_image import shade, shading_frame

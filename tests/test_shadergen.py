@@ -11,7 +11,8 @@ import MaterialX as mx
 import pytest
 
 import mrm_nodes
-from mrm_nodes.documents import check_document, read_document
+from mrm_nodes.documents import read_document
+from mrm_nodes.elements import check_document
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.library import materials_path
 

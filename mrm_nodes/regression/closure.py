@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import MaterialX as mx
 
+from mrm_nodes.elements import descendant
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.material import CHANNELS, NODES, Value
 
@@ -126,7 +127,7 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     copy.setDataLibrary(document.getDataLibrary())
     copy.setSourceUri(document.getSourceUri())
     flattened = _flatten(copy)
-    top = copy.getDescendant(element)
+    top = descendant(copy, element)
     if top is None and flattened:
         raise UnknownClosure(f"{element} is not itself a material: name the material")
     reader = _Reader(copy)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes import documents, external
+from mrm_nodes.elements import descendant
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
@@ -406,10 +407,11 @@ def with_values(document: mx.Document, values: Mapping[str, Value], where: str) 
     """
     for path, value in values.items():
         holder_path, _, name = path.rpartition("/")
-        holder = document.getDescendant(holder_path) if holder_path else None
+        holder = descendant(document, holder_path)
         port = None
         if isinstance(holder, mx.Node | mx.NodeGraph):
-            declared = holder.getNodeDef().getActiveInput(name) if isinstance(holder, mx.Node) else None
+            definition = holder.getNodeDef() if isinstance(holder, mx.Node) else None
+            declared = definition.getActiveInput(name) if definition is not None else None
             port = holder.getInput(name) or (declared and holder.addInput(name, declared.getType()))
         if port is None:
             raise MrmError(f"{where}: no input {path}; {_known_inputs(document, path)}")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import glob
+import hashlib
 import itertools
 import math
 import os
@@ -20,12 +21,13 @@ from typing import Any
 import MaterialX as mx
 import pydantic
 
-from mrm_nodes import documents, external, filenames
+from mrm_nodes import documents, elements, external, filenames
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.library import shared_library
 from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
 from mrm_nodes.regression.material import Value
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
+from mrm_nodes.regression.patterns import files_matching
 from mrm_nodes.regression.suitetable import (
     SETTINGS,
     AdjustTable,
@@ -69,6 +71,7 @@ DEFAULT_LIGHTS: tuple[Light, ...] = (
 
 _IN_MATRIX = ("mesh", "camera", "light", "environment", "size", "element")
 _INPUT = "input:"
+_ALL = "**/*.mtlx"
 
 
 @dataclass(frozen=True)
@@ -90,9 +93,9 @@ def load(path: Path, allow_external: bool = False) -> Suite:
         MrmError: there is no such file or folder, or no material in it.
     """
     if path.is_dir():
-        if next(path.rglob("*.mtlx"), None) is None:
+        if not files_matching(_ALL, path):
             raise MrmError(f"{path}: no .mtlx file in this folder")
-        table = SuiteTable(case=[CaseTable(material=["**/*.mtlx"])])
+        table = SuiteTable(case=[CaseTable(material=[_ALL])])
         return _Maker(path, path, table, allow_external, lambda keys: str(path)).suite()
     table, where = read_table(path)
     return _Maker(path, path.parent, table, allow_external, where).suite()
@@ -111,6 +114,7 @@ class _Maker:
         self._where = where
         self._faults: list[str] = []
         self._broken: list[str] = []
+        self._names: dict[str, tuple[str, str | int, tuple[str, ...]]] = {}
 
     def suite(self) -> Suite:
         """All cases, or all faults."""
@@ -186,11 +190,11 @@ class _Maker:
         """The files that a case names, relative to the suite's folder, and what they are called in names."""
         for pattern in table.material:
             try:
-                found = sorted(
+                found = [
                     name
-                    for name in glob.glob(pattern, root_dir=self._folder, recursive=True)  # noqa: PTH207
+                    for name in files_matching(pattern, self._folder)
                     if filenames.is_file(self._folder / name) and not self._is_reported(name)
-                )
+                ]
             except (ValueError, OSError, re.error) as error:
                 raise Fault((*here, "material"), f"{pattern}: {error}") from None
             if not found:
@@ -217,9 +221,11 @@ class _Maker:
     ) -> Iterator[MaterialCase]:
         known, wrong = self._elements(material)
         wanted = chosen.get("element", table.element)
-        elements = known if wanted is None else listed(wanted)
-        for element in elements:
-            if not isinstance(element, str) or not (wrong or self._document(material).getDescendant(element)):
+        paths = known if wanted is None else listed(wanted)
+        for element in paths:
+            if not isinstance(element, str) or not (
+                wrong or elements.descendant(self._document(material), element)
+            ):
                 raise Fault(
                     (*here, "element"), f"{material} has no {element}; {suggestion(str(element), known)}"
                 )
@@ -242,20 +248,20 @@ class _Maker:
             f"{axis.rpartition('/')[2]}{text}" if axis.startswith(_INPUT) else text
             for axis, text in names.items()
         ]
-        name = _safe("-".join([*parts, *shown]))
+        name = "-".join([*parts, *shown])
         if table.name is not None:
             name = self._named(here, table.name, {"material": parts[0], "element": element, **names})
-        if len(name) > LONGEST_NAME:
-            raise Fault((*here, "name"), f"{name[:40]}… has {len(name)} letters; at most {LONGEST_NAME}")
+        what = (material, element, *names.values())
+        name = self._safe_name(name, here[1], table.name is not None, what)
         settings = self._settings(here, table, name, chosen)
-        inputs, files = self._inputs(here, table, material, chosen)
+        inputs, files = self._inputs(here, table, material, element, chosen)
         try:
             options = self._resolved(settings)
         except Fault as fault:
             keys = self._given_at(here, table, name, chosen, str(fault.keys[0]))
             raise Fault(keys, fault.message) from None
         truth, reason = self._truth(here, material, element, inputs, settings)
-        _, wrong = self._elements(material)
+        wrong = self._wrong(material, element)
         if wrong:
             self._broken.append(self._told((*here, "material"), wrong))
         return MaterialCase(
@@ -273,7 +279,12 @@ class _Maker:
         )
 
     def _inputs(
-        self, here: tuple[str | int, ...], table: CaseTable, material: str, chosen: Mapping[str, Any]
+        self,
+        here: tuple[str | int, ...],
+        table: CaseTable,
+        material: str,
+        element: str,
+        chosen: Mapping[str, Any],
     ) -> tuple[dict[str, Value], list[str]]:
         """The values of a case's inputs, and the files that they name."""
         given = {(*here, "input", path): (path, value) for path, value in table.input.items()}
@@ -285,7 +296,7 @@ class _Maker:
         for keys, (path, value) in given.items():
             inputs[path] = self._value(keys, value)
             try:
-                files += self._checked(material, path, inputs[path])
+                files += self._checked(material, element, path, inputs[path])
             except MrmError as error:
                 raise Fault(keys, str(error)) from None
         return inputs, files
@@ -300,7 +311,30 @@ class _Maker:
                 raise Fault((*here, "name"), f"unknown {found[0]}; {suggestion(found[0], shown)}")
             return known[found[1]]
 
-        return _safe(re.sub(r"\{([^{}]*)\}", fill, template))
+        return re.sub(r"\{([^{}]*)\}", fill, template)
+
+    def _safe_name(self, name: str, index: str | int, is_given: bool, what: tuple[str, ...]) -> str:
+        """A case's name as a file's, which no other case's is on any system.
+
+        Documents name their elements, and one document costs its own cases: a name that is too long, or that
+        another has once both are safe, ends in a part of its digest. What the suite's author called by one name
+        stays so, and is an error.
+
+        Args:
+            index: the case's table.
+            is_given: whether that has a template for names.
+            what: the material, its element, and the place in the matrix.
+        """
+        safe = _safe(name)
+        digest = hashlib.sha256("\0".join((name, *what)).encode()).hexdigest()[:10]
+        marked = f"{safe[: LONGEST_NAME - len(digest) - 1]}-{digest}"
+        if len(safe) > LONGEST_NAME:
+            safe = marked
+        other = self._names.setdefault(safe.casefold(), (name, index, what))
+        if other[0] == name and (is_given or other[1] != index or other[2] == what):
+            return safe
+        self._names.setdefault(marked.casefold(), (name, index, what))
+        return marked
 
     def _adjustments(self, name: str) -> Iterator[tuple[int, AdjustTable]]:
         for index, adjust in enumerate(self._table.adjust):
@@ -437,7 +471,7 @@ class _Maker:
     ) -> tuple[Truth, str]:
         wanted = settings.truth or "auto"
         surrounded = settings.environment is not None
-        _, wrong = self._elements(material)
+        wrong = self._wrong(material, element)
         if wrong:
             return ("baseline" if wanted == "baseline" else "physics"), wrong
         try:
@@ -452,9 +486,7 @@ class _Maker:
 
     @functools.cache  # noqa: B019  as long as the maker lives
     def _document(self, material: str) -> mx.Document:
-        document = self._read(material)
-        documents.check_document(document, material)
-        return document
+        return self._read(material)
 
     @functools.cache  # noqa: B019
     def _elements(self, material: str) -> tuple[list[str], str]:
@@ -463,6 +495,18 @@ class _Maker:
             return materials_of(self._document(material), material), ""
         except MrmError as error:
             return [""], str(error)
+
+    @functools.cache  # noqa: B019
+    def _wrong(self, material: str, element: str) -> str:
+        """What is wrong with a document, or with what one of its elements is made of; or nothing."""
+        _, wrong = self._elements(material)
+        document = None if wrong else self._document(material)
+        try:
+            if document is not None:
+                elements.check_document(document, material, elements.descendant(document, element))
+        except MrmError as error:
+            return str(error)
+        return wrong
 
     @functools.cache  # noqa: B019
     def _depends(self, material: str) -> tuple[str, ...]:
@@ -480,10 +524,9 @@ class _Maker:
         return self._unknown_alike(material, element, alike, surrounded)
 
     @functools.cache  # noqa: B019
-    def _checked(self, material: str, path: str, value: Value) -> tuple[str, ...]:
+    def _checked(self, material: str, element: str, path: str, value: Value) -> tuple[str, ...]:
         """The files that a value of an input names; the value fits the input, where the document is sound."""
-        _, wrong = self._elements(material)
-        if wrong:
+        if self._wrong(material, element):
             return ()
         file = self._folder / material
         document = with_values(self._read(material), {path: value}, material)
@@ -551,7 +594,7 @@ def materials_of(document: mx.Document, where: str) -> list[str]:
     """
     found = [each.getNamePath() for each in document.getMaterialNodes()]
     if not found:
-        found = [documents.find_renderable(document, where, None).getNamePath()]
+        found = [elements.find_renderable(document, where, None).getNamePath()]
     return found
 
 
@@ -575,7 +618,11 @@ def _label(value: Any) -> str:
     return Path(value).stem if re.search(r"\.\w+$", str(value)) and "," not in str(value) else str(value)
 
 
+#: What Windows takes for a device, with any ending.
+_DEVICES = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+
+
 def _safe(name: str) -> str:
     """A name that is fit for a file on any system."""
     text = re.sub(r"[^\w.+-]+", "_", name, flags=re.ASCII).strip("._")
-    return text or "case"
+    return f"_{text}" if _DEVICES.match(text) else text or "case"

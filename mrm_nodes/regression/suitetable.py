@@ -16,6 +16,12 @@ from mrm_nodes.errors import MrmError, suggestion
 LARGEST_FILE = 16 << 20
 """Bytes of a suite."""
 
+_MOST_NAMES = 100
+#: The TOML reader takes the square of a key's names in time.
+_MANY_NAMES = re.compile(
+    rf"""(?<![\w-])(?>(?>"[^"\n]*+"|'[^'\n]*+'|[\w-]++)[ \t]*+\.[ \t]*+){{{_MOST_NAMES}}}"""
+)
+
 Where = Callable[[Sequence[str | int]], str]
 """File, line and key of a fault, by the keys under which it lies."""
 
@@ -136,6 +142,8 @@ def read_table(path: Path) -> tuple[SuiteTable, Where]:
         MrmError: it cannot be read.
     """
     text = _text(path)
+    if _MANY_NAMES.search(text):
+        raise SuiteError([f"{path}: a key of more than {_MOST_NAMES} names"])
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -208,9 +216,10 @@ def _keys_beside(keys: Sequence[str | int]) -> Iterable[str]:
 class _Lines:
     """The lines on which a TOML's keys stand. A key inside an inline table stands where that begins."""
 
-    _HEADER = re.compile(r"\s*(\[\[?)\s*([^\]]+?)\s*\]\]?\s*(?:#.*)?$")
+    # Nothing in these is tried in two ways, so that a line is read once.
+    _HEADER = re.compile(r"\s*+(\[\[?+)([^\]]++)\]\]?+\s*+(?:#.*)?$")
     _KEY = re.compile(
-        r"""\s*((?:"(?:[^"\\]|\\.)*"|'[^']*'|[\w-]+)(?:\s*\.\s*(?:"[^"]*"|'[^']*'|[\w-]+))*)\s*="""
+        r"""\s*+((?>"(?:[^"\\]|\\.)*+"|'[^']*+'|[\w-]++)(?>\s*+\.\s*+(?>"[^"]*+"|'[^']*+'|[\w-]++))*+)\s*+="""
     )
     _PART = re.compile(r"""\s*(?:"((?:[^"\\]|\\.)*)"|'([^']*)'|([\w-]+))\s*\.?""")
 

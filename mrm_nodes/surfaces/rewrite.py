@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import MaterialX as mx
 
-from mrm_nodes import documents, library, xmltext
+from mrm_nodes import documents, elements, library, xmltext
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.surfaces.markup import Edits, Tag, parse
 from mrm_nodes.surfaces.substitution import SUBSTITUTES, SWITCH, WEIGHT, Surface, known_surfaces
@@ -37,7 +37,7 @@ def retrofit_file(
     """
     source, target = Path(source), Path(target)
     document = documents.read_document(source)
-    documents.check_document(document, os.fspath(source))
+    elements.check_document(document, os.fspath(source))
     _check_textures(document, source)
     if target.exists() and target.samefile(source):
         raise MrmError(f"{target}: is the file to read; name another one to write")

@@ -1,0 +1,225 @@
+"""What of a document is rendered, what that is made of, and whether it is sound."""
+
+from __future__ import annotations
+
+import math
+import re
+import warnings
+from collections.abc import Iterable, Iterator
+
+import MaterialX as mx
+import MaterialX.PyMaterialXGenShader as mx_gen_shader
+
+from mrm_nodes import library
+from mrm_nodes.errors import MrmError, MrmWarning, unknown
+
+
+def find_renderable(document: mx.Document, where: str, element: str | None) -> mx.Element:
+    """Return the element to generate: the one named, or the only one that can be rendered.
+
+    Raises:
+        MrmError: no such element, none that can be rendered, or several.
+    """
+    renderables = _renderables(document)
+    names = [renderable.getNamePath() for renderable in renderables]
+    if element is not None:
+        found = descendant(document, element)
+        if found is None:
+            raise MrmError(f"{where}: {unknown('element', element, names)}")
+        return found
+    if not renderables:
+        raise MrmError(f"{where}: nothing to render: no material, shader or output")
+    if len(renderables) > 1:
+        raise MrmError(
+            f"{where}: several elements can be rendered; name one with --element: {', '.join(names)}"
+        )
+    return renderables[0]
+
+
+def descendant(document: mx.Document, path: str) -> mx.Element | None:
+    """An element by its name path; of the document's own elements also one whose name has a slash in it."""
+    return (document.getDescendant(path) or document.getChild(path)) if path else None
+
+
+def _renderables(document: mx.Document) -> list[mx.Element]:
+    return [
+        found
+        for found in mx_gen_shader.findRenderableElements(document)
+        # A graph that implements a definition, as the library's do, is not the document's own output.
+        if not found.getParent().getAttribute("nodedef")
+    ]
+
+
+#: Where a literal value of our nodes' inputs is clamped, and why; MaterialX's own nodes clamp the same way.
+_RANGES: dict[str, tuple[float, float]] = {
+    "roughness": (1e-8, 1.0),
+    "retroreflectivity": (0.0, 1.0),
+    "tint": (0.0, math.inf),
+    "color0": (0.0, math.inf),
+    "color82": (0.0, math.inf),
+    "color90": (0.0, math.inf),
+}
+
+#: Types whose values are numbers, and what such a value is.
+_NUMBERS = {
+    "boolean": "true or false",
+    "integer": "an integer",
+    "float": "a finite number",
+    **{f"{kind}{n}": f"{n} finite numbers" for kind in ("vector", "color") for n in (2, 3, 4)},
+    "matrix33": "9 finite numbers",
+    "matrix44": "16 finite numbers",
+}
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+def check_document(
+    document: mx.Document, where: str = "document", element: mx.Element | None = None, target: str = ""
+) -> None:
+    """Check that all that an element uses is sound; warn of values that the nodes will clamp.
+
+    What it does not use may be of a program that MaterialX does not know.
+
+    Args:
+        element: by default each that can be rendered.
+        target: MaterialX's own name for the target, where the implementations of one are to be looked at.
+
+    Raises:
+        MrmError: an unknown node; an input that its node does not have, or of another type; a value that is
+            malformed, NaN or infinite; a connection to something that does not exist or has another type.
+    """
+    roots = _renderables(document) if element is None else [element]
+    used = used_by(roots, target)
+    for each in used:
+        if each.isA(mx.Node) and each.getNodeDef() is None:
+            raise MrmError(f"{where}: node {each.getNamePath()}: {_why_undefined(each, document)}")
+    for each in used:
+        if each.isA(mx.Input) or each.isA(mx.Output):
+            _check_port(each, f"{where}: {each.getNamePath()}")
+
+
+def used_by(elements: Iterable[mx.Element], target: str = "") -> list[mx.Element]:
+    """What elements are made of, themselves first: nodes with their inputs, and of graphs what leads to them.
+
+    What a library's nodes are made of is the library's.
+
+    target: MaterialX's own name for the target whose implementations are followed; by default every target's.
+    """
+    found: dict[str, mx.Element] = {}
+    pending = list(elements)[::-1]
+    while pending:
+        each = pending.pop()
+        path = each.getNamePath()
+        if path not in found:
+            found[path] = each
+            pending += reversed([source for source in _sources(each, target) if source is not None])
+    return list(found.values())
+
+
+def _sources(element: mx.Element, target: str) -> Iterator[mx.Element | None]:
+    if element.isA(mx.NodeGraph):
+        yield from element.getOutputs()
+    elif element.isA(mx.Node):
+        yield from element.getInputs()
+        yield from _own_graphs(element, target)
+    elif element.isA(mx.Input) or element.isA(mx.Output):
+        name = element.getInterfaceName()
+        graph = graph_around(element) if name else None
+        if graph is not None:
+            yield graph.getInput(name)
+        yield element.getConnectedOutput()
+        yield element.getConnectedNode()
+
+
+def graph_around(element: mx.Element) -> mx.NodeGraph | None:
+    """The graph that an element is a part of."""
+    each = element.getParent()
+    while each is not None and not each.isA(mx.NodeGraph):
+        each = each.getParent()
+    return each
+
+
+def _own_graphs(node: mx.Node, target: str) -> Iterator[mx.NodeGraph]:
+    """The graphs of the document that implement a node."""
+    document = node.getDocument()
+    definition = node.getNodeDef(target) or node.getNodeDef()
+    if definition is None or document.getChild(definition.getName()) is None:
+        return
+    if target:
+        found = [definition.getImplementation(target)]
+    else:
+        found = document.getMatchingImplementations(definition.getName())
+    for each in found:
+        if isinstance(each, mx.NodeGraph) and document.getChild(each.getName()) is not None:
+            yield each
+
+
+def _why_undefined(node: mx.Node, document: mx.Document) -> str:
+    """Say what keeps a node from having a definition: its name, its type, or one of its inputs."""
+    category = node.getCategory()
+    definitions = {definition.getName(): definition for definition in document.getNodeDefs()}
+    definitions |= {each.getName(): each for each in library.shared_library().getNodeDefs()}
+    alike = [each for each in definitions.values() if each.getNodeString() == category]
+    if not alike:
+        return unknown("node", category, {each.getNodeString() for each in definitions.values()})
+    of_type = [each for each in alike if each.getType() == node.getType()]
+    if not of_type:
+        return f"{category} has no type {node.getType()}; known: {_listed(each.getType() for each in alike)}"
+    for port in node.getInputs():
+        name = port.getName()
+        types = {each.getActiveInput(name).getType() for each in of_type if each.getActiveInput(name)}
+        if not types:
+            known = {each.getName() for definition in of_type for each in definition.getActiveInputs()}
+            return f"{category}: {unknown('input', name, known)}"
+        if port.getType() not in types:
+            return f"input {name} has type {port.getType()}, not {_listed(types)}"
+    return f"no {category} has these inputs together"
+
+
+def _listed(names: Iterable[str]) -> str:
+    return " or ".join(sorted(set(names)))
+
+
+def _check_port(port: mx.Input | mx.Output, place: str) -> None:
+    text = port.getValueString()
+    if text and port.getType() in _NUMBERS and not _is_number(port):
+        raise MrmError(f"{place}: {text} is not {_NUMBERS[port.getType()]}")
+    source = port.getAttribute("nodename") or port.getAttribute("nodegraph")
+    # Generation would go on without it, or end in the compiler. Other complaints it can live with.
+    if source and "port connection" in port.validate()[1]:
+        output = port.getOutputString()
+        raise MrmError(
+            f"{place}: connected to {source}{'/' + output if output else ''}, "
+            f"which does not exist here or is no {port.getType()}"
+        )
+    node = port.getParent()
+    if text and port.isA(mx.Input) and node.isA(mx.Node) and port.getType() == "string":
+        declared = node.getNodeDef().getActiveInput(port.getName())
+        choices = declared.getAttribute("enum") if declared is not None else ""
+        known = [choice.strip() for choice in choices.split(",")] if choices else [text]
+        if text not in known:
+            raise MrmError(f"{place}: {unknown('value', text, known)}")
+    if node.getCategory().startswith("mrm_") and port.getName() in _RANGES:
+        _warn_of_clamping(port, place)
+
+
+def _is_number(port: mx.Input | mx.Output) -> bool:
+    """Whether a value is what its type says; MaterialX itself takes `0,5` for 0 and `1x` for 1."""
+    if port.getValue() is None:
+        return False
+    kind, text = port.getType(), port.getValueString()
+    if kind == "boolean":
+        return True
+    numbers = text.replace(",", " ").split() if kind not in ("float", "integer") else [text.strip()]
+    return all(_NUMBER.fullmatch(number) for number in numbers) and (
+        kind != "integer" or float(text).is_integer()
+    )
+
+
+def _warn_of_clamping(port: mx.Input, place: str) -> None:
+    low, high = _RANGES[port.getName()]
+    # Through a graph's interface, what is set there reaches the node.
+    source = port.getInterfaceInput() or port
+    text = source.getValueString() if source.getValue() is not None else ""
+    if any(not low <= float(number) <= high for number in text.replace(",", " ").split()):
+        limits = f"{low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
+        warnings.warn(f"{place}: {text} is clamped to its range, {limits}", MrmWarning, stacklevel=5)

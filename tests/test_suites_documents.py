@@ -1,0 +1,163 @@
+"""One document costs its own cases: what it calls its materials, what it leaves unknown, and where it lies."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from mrm_nodes.regression import suitefile
+from mrm_nodes.regression.material_case import MaterialCase
+from mrm_nodes.regression.patterns import files_matching
+from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.suitetable import SuiteError, read_table
+
+LIT = """
+<mrm_conductor_bsdf name="foil" type="BSDF" />
+<surface name="lit" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="foil" /></surface>"""
+
+
+def material(name: str, shader: str = "lit") -> str:
+    connected = f'<input name="surfaceshader" type="surfaceshader" nodename="{shader}" />'
+    return f'<surfacematerial name="{name}" type="material">{connected}</surfacematerial>'
+
+
+def written(folder: Path, file: str, *body: str) -> None:
+    path = folder / file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(f'<materialx version="1.39">{LIT}{"".join(body)}</materialx>')
+
+
+def cases_of(folder: Path) -> dict[str, MaterialCase]:
+    written(folder, "ok.mtlx", material("tape"))
+    cases = {case.name: case for case in load(folder).cases}
+    assert not cases["ok"].broken
+    return cases
+
+
+NASTY = {
+    "a slash": "a/b",
+    "as it would be a path out": "../../etc/passwd",
+    "a line": "a&#10;b",
+    "400 letters": "n" * 400,
+    "a device": "con",
+    "nothing that a file can be called": "磁石",
+    "dots": "...",
+    "a leading dash": "--help",
+}
+
+
+@pytest.mark.parametrize("name", NASTY.values(), ids=NASTY)
+def test_a_material_may_be_called_what_it_likes(tmp_path: Path, name: str):
+    written(tmp_path, "a.mtlx", material(name), material(name.swapcase() + "2"))
+    cases = cases_of(tmp_path)
+    assert len(cases) == 3
+    for case in cases:
+        file = tmp_path / "out" / case / f"{case}.exr"
+        assert file.resolve() == file and len(case) <= suitefile.LONGEST_NAME
+        file.parent.mkdir(parents=True)
+        file.touch()
+    assert not any(case.broken for case in cases.values())
+
+
+def test_the_case_of_a_material_with_a_slash_is_drawn_and_judged(tmp_path: Path):
+    from mrm_nodes.shadergen import generate_shader
+
+    written(tmp_path, "a.mtlx", material("a/b"))
+    case = cases_of(tmp_path)["a"]
+    assert (case.element, case.truth) == ("a/b", "physics")
+    shader = generate_shader(tmp_path / "a.mtlx", element="a/b")
+    assert "mrm_conductor_bsdf" in shader.pixel
+
+
+def test_names_that_would_be_one_file_are_told_apart_wherever_files_are_kept(tmp_path: Path):
+    written(tmp_path, "a.mtlx", *map(material, ["a/b", "a b", "a_b", "A_B", "ä", "ö"]))
+    written(tmp_path, "x/y.mtlx", material("tape"))
+    written(tmp_path, "x.y.mtlx", material("tape"))
+    cases = cases_of(tmp_path)
+    assert len(cases) == 9
+    assert len({name.casefold() for name in cases}) == 9
+    assert len({(case.material, case.element) for case in cases.values()}) == 9
+    assert {name: case.element for name, case in cases.items()} == {
+        name: case.element for name, case in cases_of(tmp_path).items()
+    }
+
+
+def test_two_cases_that_the_author_called_by_one_name_are_an_error(tmp_path: Path):
+    written(tmp_path, "a.mtlx", material("one"), material("two"))
+    suite = tmp_path / "suite.toml"
+    for text in (
+        '[[case]]\nmaterial = "a.mtlx"\nname = "same"',
+        '[[case]]\nmaterial = "a.mtlx"\n[[case]]\nmaterial = "a.mtlx"',
+        '[[case]]\nmaterial = ["a.mtlx", "a.mtlx"]',
+    ):
+        suite.write_text(text)
+        with pytest.raises(SuiteError, match="is taken by case 1"):
+            load(suite)
+
+
+def test_of_a_document_the_sound_materials_are_cases_beside_the_broken_ones(tmp_path: Path):
+    bad = (
+        '<houdini_private name="p" type="BSDF" />'
+        '<surface name="dark" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="p" /></surface>'
+    )
+    written(tmp_path, "a.mtlx", bad, material("good"), material("bad", "dark"))
+    cases = cases_of(tmp_path)
+    assert (cases["a-good"].broken, cases["a-good"].truth) == (False, "physics")
+    assert cases["a-bad"].broken
+    assert "node p: unknown node houdini_private; did you mean" in cases["a-bad"].reason
+
+
+def test_a_value_for_a_node_that_is_unknown_costs_its_own_case(tmp_path: Path):
+    written(tmp_path, "a.mtlx", '<houdini_private name="p" type="float" />', material("m"))
+    suite = tmp_path / "suite.toml"
+    suite.write_text('[[case]]\nmaterial = "a.mtlx"\n[case.input]\n"p/x" = 1')
+    with pytest.raises(SuiteError, match="no input p/x"):
+        load(suite)
+
+
+def test_a_folder_that_is_a_link_is_looked_into_once(tmp_path: Path):
+    """With two circles every further level doubles the ways."""
+    written(tmp_path, "set/deep/a.mtlx", material("m"))
+    (tmp_path / "set" / "one").symlink_to(tmp_path)
+    (tmp_path / "set" / "two").symlink_to(tmp_path / "set", target_is_directory=True)
+    (tmp_path / "again").symlink_to(tmp_path / "set" / "deep")
+    elsewhere = tmp_path.parent / f"{tmp_path.name}-elsewhere"
+    written(elsewhere, "b.mtlx", material("m"))
+    (tmp_path / "linked").symlink_to(elsewhere)
+    assert set(cases_of(tmp_path)) == {"ok", "set.deep.a", "linked.b"}
+    assert files_matching("**/*.mtlx", tmp_path) == ["linked/b.mtlx", "ok.mtlx", "set/deep/a.mtlx"]
+    assert files_matching("s*/**/a.mtlx", tmp_path) == ["set/deep/a.mtlx"]
+    assert files_matching("again/*.mtlx", tmp_path) == ["again/a.mtlx"]
+    assert files_matching("**/deep/**/*.mtlx", tmp_path) == ["set/deep/a.mtlx"]
+    assert files_matching(f"{tmp_path}/**/ok.mtlx", Path(os.sep)) == [f"{tmp_path}/ok.mtlx"]
+
+
+HEADERS = {
+    "spaces": "[" + " " * 200_000 + "x" + " " * 200_000,
+    "words": "[[" + " a" * 200_000,
+    "names": "a . " * 90 + " " * 200_000,
+    "quotes": "[" + "'\" " * 100_000,
+    "dashes": "a-" * 200_000,
+}
+
+
+@pytest.mark.parametrize("line", HEADERS.values(), ids=HEADERS)
+def test_a_line_that_looks_like_a_header_is_read_once(tmp_path: Path, line: str):
+    """Read as often as it has letters, each of these would take hours."""
+    suite = tmp_path / "suite.toml"
+    suite.write_text(
+        f"title = '''\n{line}\n'''\n[[case]]\nmaterial = 'a.mtlx'\nsize = 0\n".replace("'\"", '"')
+    )
+    with pytest.raises(SuiteError, match=r"suite\.toml:6: case 1\.size"):
+        read_table(suite)
+
+
+@pytest.mark.parametrize("text", ["{} = 1", "[{}]", "x = {{ {} = 1 }}", "[[{}]]"])
+@pytest.mark.parametrize("name", ["a", '"a"'])
+def test_a_key_of_a_great_many_names_is_refused(tmp_path: Path, text: str, name: str):
+    suite = tmp_path / "suite.toml"
+    suite.write_text(text.format(" . ".join([name] * 100_000)))
+    with pytest.raises(SuiteError, match="a key of more than 100 names"):
+        read_table(suite)

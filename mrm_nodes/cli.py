@@ -335,17 +335,24 @@ def uninstall(folder: Path) -> None:
     "settings",
     multiple=True,
     metavar="INPUT=WEIGHT",
-    help="specular_retroreflectivity (OpenPBR, Standard Surface) or retroreflection (glTF), from 0 to 1.",
+    help="specular_retroreflectivity (OpenPBR, Standard Surface) or retroreflection (glTF): a number from 0 to 1, "
+    "a node beside the surface, or an image file.",
 )
-def retrofit(file: Path, output: Path, settings: tuple[str, ...]) -> None:
+@external_option
+def retrofit(file: Path, output: Path, settings: tuple[str, ...], allow_external: bool) -> None:
     """Make a document's surfaces retroreflective: OpenPBR, glTF and Standard Surface become ours.
 
     A .gltf or .glb becomes a .mtlx, KHR_materials_retroreflection included; such a .mtlx becomes glTF again.
     """
     from mrm_nodes.surfaces.convert import convert
+    from mrm_nodes.surfaces.rewrite import at_zero
 
-    changed = convert(file, output, dict(parse_setting(setting) for setting in settings))
+    changed = convert(file, output, dict(parse_setting(setting) for setting in settings), allow_external)
     click.echo(f"{output}: {', '.join(changed) or 'nothing changed'}")
+    unset = at_zero(output.read_bytes(), str(output)) if output.suffix.lower() == ".mtlx" else []
+    if unset:
+        example = " or ".join(f"--set {name}=0.8" for name in unset)
+        click.echo(f"hint: every weight is 0, which changes nothing yet: {example}", err=True)
 
 
 @cli.group()
@@ -458,17 +465,21 @@ def _say_written(files: Sequence[Path]) -> None:
 _BENCH_COLUMNS = "  (b)/(a)  0.5/(b)    0/(a)    1/(a)  SPIR-V instructions of (a), (b), 0.5"
 
 
-def parse_setting(text: str) -> tuple[str, float]:
-    """Name and value from `INPUT=WEIGHT`.
+def parse_setting(text: str) -> tuple[str, float | str]:
+    """Name and value from `INPUT=WEIGHT`: a number, or text that names what drives the input.
 
     Raises:
-        MrmError: there is no name, or the value is not a number.
+        MrmError: there is no name, or no value.
     """
     name, _, value = text.partition("=")
+    if not (name and value):
+        raise MrmError(
+            f"--set {text}: write it as INPUT=WEIGHT: a number from 0 to 1, a node, or an image file"
+        )
     try:
         return name, float(value)
     except ValueError:
-        raise MrmError(f"--set {text}: write it as INPUT=WEIGHT, a weight from 0 to 1") from None
+        return name, value
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -12,6 +12,7 @@ import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
 from mrm_nodes import library
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
+from mrm_nodes.surfaces.substitution import twin_with
 
 
 def find_renderable(document: mx.Document, where: str, element: str | None) -> mx.Element:
@@ -90,11 +91,20 @@ def check_document(
     roots = _renderables(document) if element is None else [element]
     used = used_by(roots, target)
     for each in used:
-        if each.isA(mx.Node) and each.getNodeDef() is None:
+        if each.isA(mx.Node) and (each.getNodeDef() is None or _is_given_ours(each)):
             raise MrmError(f"{where}: node {each.getNamePath()}: {_why_undefined(each, document)}")
     for each in used:
         if each.isA(mx.Input) or each.isA(mx.Output):
             _check_port(each, f"{where}: {each.getNamePath()}")
+
+
+def _is_given_ours(node: mx.Node) -> bool:
+    """Whether a node that names its definition has an input of ours that the definition lacks: it would do nothing."""
+    definition = node.getNodeDef()
+    return any(
+        twin_with(node.getCategory(), port.getName()) and definition.getActiveInput(port.getName()) is None
+        for port in node.getInputs()
+    )
 
 
 def used_by(elements: Iterable[mx.Element], target: str = "") -> list[mx.Element]:
@@ -168,6 +178,8 @@ def _why_undefined(node: mx.Node, document: mx.Document) -> str:
         name = port.getName()
         types = {each.getActiveInput(name).getType() for each in of_type if each.getActiveInput(name)}
         if not types:
+            if twin := twin_with(category, name):
+                return f"{category} has no input {name}: use {twin}, or mrm-nodes retrofit"
             known = {each.getName() for definition in of_type for each in definition.getActiveInputs()}
             return f"{category}: {unknown('input', name, known)}"
         if port.getType() not in types:

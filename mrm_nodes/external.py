@@ -28,7 +28,7 @@ def included_file(name: str, including: Path, folders: Iterable[Path], allow_ext
     found = filenames.find(name, places).file
     if found is None:
         raise MrmError(f"{including}: includes {name}: {filenames.absence(name, places)}")
-    _check_inside(found, name, str(including), folders[-1], allow_external)
+    check_inside(found, name, str(including), folders[-1], allow_external)
     return found
 
 
@@ -41,7 +41,12 @@ def _shared_folders() -> list[Path]:
     return [*libraries, *filenames.folders_of(mx.getEnvironmentPath())]
 
 
-def _check_inside(file: Path, name: str, where: str, folder: Path, allow_external: bool) -> None:
+def check_inside(file: Path, name: str, where: str, folder: Path, allow_external: bool) -> None:
+    """Check that a file lies in a folder or a node library.
+
+    Raises:
+        MrmError: it does not, and may not.
+    """
     if allow_external:
         return
     resolved = Path(os.path.realpath(file))
@@ -68,7 +73,7 @@ def check_images(document: mx.Document, path: Path, allow_external: bool = False
         if filenames.is_address(name) and not files:
             raise MrmError(f"{path}: {port.getNamePath()}: {name} {filenames.absence(name, folders)}")
         for file in files:
-            _check_inside(file, name, f"{path}: {port.getNamePath()}", folder, allow_external)
+            check_inside(file, name, f"{path}: {port.getNamePath()}", folder, allow_external)
             found[file] = None
     return list(found)
 
@@ -107,7 +112,7 @@ def check_travelled(files: list[Path], path: Path, root: Path) -> None:
     """
     for file in files:
         try:
-            _check_inside(file, str(file), str(path), Path(os.path.realpath(root)), False)
+            check_inside(file, str(file), str(path), Path(os.path.realpath(root)), False)
         except MrmError:
             raise MrmError(
                 f"{path}: {file} did not come along to the cluster's worker: name it relative to the material"

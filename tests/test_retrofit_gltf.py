@@ -200,8 +200,14 @@ BAD = {
     "primitives": (lambda c: c.update(meshes=[{"primitives": 3}]), "not laid out as glTF 2.0 says"),
     "material": (lambda c: c["materials"].append(5), "material 3: is not an object"),
     "asset": (lambda c: c.update(asset=[]), "not glTF 2"),
-    "required": (lambda c: c.update(extensionsRequired=["VENDOR_thing"]), "requires VENDOR_thing"),
-    "unlit": (lambda c: c["materials"][1].update(extensions={"KHR_materials_unlit": {}}), "material 1: KHR"),
+    "required": (
+        lambda c: c.update(extensionsRequired=["VENDOR_thing"], materials=c["materials"][:1]),
+        "material 0: requires VENDOR_thing",
+    ),
+    "unlit": (
+        lambda c: c.update(materials=[{"extensions": {"KHR_materials_unlit": {}}}] * 2),
+        "material 0: KHR_materials_unlit is not metallic-roughness",
+    ),
     "none": (lambda c: c.pop("materials"), "has no materials"),
     "version": (lambda c: c["asset"].update(version="1.0"), "not glTF 2"),
     "alpha": (lambda c: c["materials"][1].update(alphaMode="GLASS"), "alphaMode 'GLASS' is not one of"),

@@ -9,12 +9,16 @@ from pathlib import Path
 from mrm_nodes.errors import MrmError
 from mrm_nodes.surfaces.gltf import gltf_to_materialx, materialx_to_gltf
 from mrm_nodes.surfaces.rewrite import retrofit_file
+from mrm_nodes.surfaces.weights import Weight
 
 _GLTF = (".gltf", ".glb")
 
 
 def convert(
-    source: str | os.PathLike[str], target: str | os.PathLike[str], weights: Mapping[str, float] | None = None
+    source: str | os.PathLike[str],
+    target: str | os.PathLike[str],
+    weights: Mapping[str, Weight] | None = None,
+    allow_external: bool = False,
 ) -> list[str]:
     """Write `source` with surfaces of ours to `target`, and return the names of what changed.
 
@@ -30,9 +34,9 @@ def convert(
     if from_gltf and to_gltf:
         raise MrmError(f"{target}: both files are glTF; name one of them .mtlx")
     if from_gltf:
-        return gltf_to_materialx(source, target, weights)
+        return gltf_to_materialx(source, target, weights, allow_external)
     if to_gltf:
         if weights:
             raise MrmError(f"{source}: weights are set in the document, not on the way to glTF")
-        return materialx_to_gltf(source, target)
-    return retrofit_file(source, target, weights)
+        return materialx_to_gltf(source, target, allow_external)
+    return retrofit_file(source, target, weights, allow_external)

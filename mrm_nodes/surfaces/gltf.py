@@ -11,20 +11,23 @@ import binascii
 import copy
 import json
 import math
+import mimetypes
 import os
 import struct
 import urllib.parse
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import MaterialX as mx
 
-from mrm_nodes import library
+from mrm_nodes import external, filenames, library
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.surfaces.names import fitting
 from mrm_nodes.surfaces.rewrite import write_whole
+from mrm_nodes.surfaces.weights import Weight, check_weights, find_image
 
 EXTENSION = "KHR_materials_retroreflection"
 
@@ -83,6 +86,13 @@ _ALPHA_MODES = ("OPAQUE", "MASK", "BLEND")
 #: Extensions of a material that MaterialX's gltf_pbr cannot take: the converted material would be another one.
 _EXCLUDED = (f"{_K}unlit", f"{_K}pbrSpecularGlossiness")
 _KNOWN = {place.extension for place in (*_SCALARS.values(), *_COLORS.values())}
+#: Formats of images that are no glTF 2.0, by the extensions that bring them.
+_IMAGE_EXTENSIONS = {
+    "image/webp": "EXT_texture_webp",
+    "image/ktx2": "KHR_texture_basisu",
+    "image/avif": "EXT_texture_avif",
+    "image/vnd-ms.dds": "MSFT_texture_dds",
+}
 _WRAPS = {33071: "clamp", 33648: "mirror", 10497: "periodic"}
 
 
@@ -93,6 +103,8 @@ class Asset:
     path: Path
     json: Json
     binary: bytes = b""
+    given: set[Path] = field(default_factory=set)
+    """Images that were named beside it."""
 
 
 def read_gltf(path: str | os.PathLike[str]) -> Asset:
@@ -159,41 +171,74 @@ def write_gltf(asset: Asset, target: Path) -> None:
 # --- glTF to MaterialX --------------------------------------------------------------------------------------
 
 
-def gltf_to_materialx(source: Path, target: Path, weights: Mapping[str, float] | None = None) -> list[str]:
+def gltf_to_materialx(
+    source: Path,
+    target: Path,
+    weights: Mapping[str, Weight] | None = None,
+    allow_external: bool = False,
+) -> list[str]:
     """Write a .mtlx with an `mrm_gltf_pbr` for every material of a glTF, and return the materials' names.
 
-    Images inside the glTF are written beside the document.
+    Images inside the glTF are written beside the document. A material that MaterialX has nothing for is left out,
+    with a warning.
 
     Args:
-        weights: `retroreflection` is every material's factor then; a texture goes on to multiply it.
+        weights: `retroreflection` is every material's factor then; a texture goes on to multiply it. Text is the
+            name of an image file whose red channel is the weight.
+        allow_external: whether the glTF may name files outside of its folder.
 
     Raises:
-        MrmError: a glTF that is broken, has no material or one that is no metallic-roughness material, an image
-            that is missing, or a target that cannot be written. Nothing is written then.
+        MrmError: a glTF that is broken, has no material or none that MaterialX has something for, an image that is
+            missing or outside, or a target that cannot be written. Nothing is written then.
     """
     asset = read_gltf(source)
     images: dict[str, bytes] = {}
-    for name, weight in (weights or {}).items():
+    weights = dict(weights or {})
+    for name in weights:
         if name != "retroreflection":
             raise MrmError(f"{source}: glTF has no input {name}; the one that can be set is retroreflection")
-        if not (math.isfinite(weight) and 0.0 <= weight <= 1.0):
-            raise MrmError(f"{name}: {weight:g} is not from 0 to 1")
-        for material in asset.json.get("materials") or []:
-            if isinstance(material, dict):
-                _made(material, EXTENSION)["retroreflectionFactor"] = weight
-    document = _document(asset, target, images)
+    check_weights(weights)
+    for weight in weights.values():
+        _set_weight(asset, weight)
+    document = _document(asset, target, images, allow_external)
     names = [node.getName() for node in document.getMaterialNodes()]
     valid, message = _with_library(document).validate()
     if not valid:
         raise MrmError(f"{source}: its MaterialX is not valid: {' '.join(message.split())}")
     document.setDataLibrary(None)
+    try:
+        external.check_images(document, target, allow_external)
+    except MrmError as error:
+        warnings.warn(str(error), MrmWarning, stacklevel=2)
     for name, content in images.items():
         write_whole(target.parent / name, content)
     write_whole(target, mx.writeToXmlString(document).encode("utf-8"))
     return names
 
 
-def _document(asset: Asset, target: Path, images: dict[str, bytes]) -> mx.Document:
+def _set_weight(asset: Asset, weight: Weight) -> None:
+    """Set the weight of every material to a number, or to the red channel of an image."""
+    texture: Json = {}
+    if isinstance(weight, str):
+        file = find_image("retroreflection", weight)
+        if not file:
+            raise MrmError(f"--set retroreflection={weight}: there is no such file, and glTF has no nodes")
+        added = _Images(asset.json, Path(), asset.path.parent)
+        texture = {"retroreflectionTexture": added.add(file, None, "--set retroreflection")}
+        asset.given.add(Path(file).resolve())
+    for material in asset.json.get("materials") or []:
+        if isinstance(material, dict):
+            part = _made(material, EXTENSION)
+            part.update({"retroreflectionFactor": 1.0 if texture else weight, **texture})
+
+
+class _NothingForIt(MrmError):
+    """A material is sound, and MaterialX has nothing for it."""
+
+
+def _document(
+    asset: Asset, target: Path, images: dict[str, bytes], allow_external: bool = False
+) -> mx.Document:
     """Return the MaterialX document of an asset; `images` takes the files that have to lie beside it."""
     materials = asset.json.get("materials") or []
     if not materials:
@@ -201,13 +246,21 @@ def _document(asset: Asset, target: Path, images: dict[str, bytes]) -> mx.Docume
     document = mx.createDocument()
     document.setDataLibrary(library.shared_library())
     document.setAttribute(SOURCE, _relative(asset.path, target.parent))
+    left_out: list[str] = []
     for index, material in enumerate(materials):
-        reader = _Reader(asset, target, document, images, f"{asset.path}: material {index}")
+        where = f"{asset.path}: material {index}"
+        reader = _Reader(asset, target, document, images, where, allow_external)
         try:
             reader.add(index, material)
+        except _NothingForIt as error:
+            left_out.append(str(error))
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             # Each of its numbers and objects is looked at once, as what it should be.
             raise MrmError(f"{reader.where}: not laid out as glTF 2.0 says: {error}") from error
+    if len(left_out) == len(materials):
+        raise MrmError(left_out[0])
+    for reason in left_out:
+        warnings.warn(f"{reason}; the material is left out", MrmWarning, stacklevel=3)
     return document
 
 
@@ -229,12 +282,12 @@ class _Reader:
     document: mx.Document
     images: dict[str, bytes]
     where: str
+    allow_external: bool
 
     def add(self, index: int, material: Json) -> None:
         self._check(material)
-        name = self.document.createValidChildName(
-            mx.createValidName(str(material.get("name") or f"material{index}"))
-        )
+        valid = mx.createValidName(str(material.get("name") or f"material{index}"))
+        name = fitting(valid, {child.getName() for child in self.document.getChildren()})
         shader = self.document.addNode("mrm_gltf_pbr", f"{name}_shader", "surfaceshader")
         vertex_colors = self._vertex_colors(index)
         for socket, place in _COLORS.items():
@@ -266,7 +319,7 @@ class _Reader:
             raise MrmError(f"{self.where}: extensions is not an object")
         for name in _EXCLUDED:
             if name in extensions:
-                raise MrmError(
+                raise _NothingForIt(
                     f"{self.where}: {name} is not metallic-roughness; MaterialX's gltf_pbr cannot take it"
                 )
         for name, extension in extensions.items():
@@ -274,7 +327,7 @@ class _Reader:
                 raise MrmError(f"{self.where}: {name} is not an object")
             if name not in _KNOWN:
                 if name in self.asset.json.get("extensionsRequired", []):
-                    raise MrmError(f"{self.where}: requires {name}, which MaterialX has nothing for")
+                    raise _NothingForIt(f"{self.where}: requires {name}, which MaterialX has nothing for")
                 warnings.warn(
                     f"{self.where}: {name} is left out: MaterialX has nothing for it",
                     MrmWarning,
@@ -287,6 +340,9 @@ class _Reader:
         unknown = set(retro) - {"retroreflectionFactor", "retroreflectionTexture", "extensions", "extras"}
         if unknown:
             raise MrmError(f"{self.where}: {EXTENSION} has no {min(unknown)}")
+        # Before the first node is made of it.
+        for info in _texture_infos(material):
+            self._image_of(self._item("textures", info.get("index")))
 
     def _number(self, part: Json, place: _Place) -> float:
         value = part.get(place.factor, place.default)
@@ -440,7 +496,7 @@ class _Reader:
     ) -> mx.Node:
         """Add the node that looks up a textureInfo."""
         texture = self._item("textures", info.get("index") if isinstance(info, dict) else None)
-        file = self._file(texture.get("source"))
+        file = self._file(self._image_of(texture))
         node = self.document.addNode(category, self._free(name), kind)
         socket = node.addInput("file", "filename")
         socket.setValueString(file)
@@ -472,14 +528,41 @@ class _Reader:
         item: Json = items[index]
         return item
 
+    def _image_of(self, texture: Json) -> Any:
+        """Return the image of a texture in a format of glTF itself.
+
+        Raises:
+            _NothingForIt: it has none, but one of an extension.
+        """
+        index = texture.get("source")
+        if index is None:
+            for name, extension in texture.get("extensions", {}).items():
+                if "source" in extension:
+                    raise _NothingForIt(
+                        f"{self.where}: a texture is in {name} only, which MaterialX has nothing for; "
+                        "convert its image to PNG"
+                    )
+        image = self._item("images", index)
+        kind = image.get("mimeType") or mimetypes.guess_type(str(image.get("uri", "")))[0]
+        content = self._embedded(image, index)[:12] if _is_embedded(image) else b""
+        kind = "image/webp" if content[:4] == b"RIFF" else kind
+        kind = "image/ktx2" if content[1:4] == b"KTX" else kind
+        if kind in _IMAGE_EXTENSIONS:
+            raise _NothingForIt(
+                f"{self.where}: image {index} is {kind}, of {_IMAGE_EXTENSIONS[kind]}, which MaterialX has nothing "
+                "for; convert it to PNG"
+            )
+        return index
+
     def _file(self, index: Any) -> str:
         """Return the name of an image for the document; an image inside the glTF becomes a file beside it."""
         image = self._item("images", index)
-        uri = image.get("uri")
-        if uri is not None and not uri.startswith("data:"):
-            path = self.asset.path.parent / urllib.parse.unquote(uri)
-            if not path.is_file():
+        if not _is_embedded(image):
+            path = self.asset.path.parent / urllib.parse.unquote(image["uri"])
+            if not filenames.is_file(path):
                 raise MrmError(f"{self.where}: there is no texture {path}")
+            if path.resolve() not in self.asset.given:
+                self._check_inside(path, image["uri"])
             return _relative(path, self.target.parent)
         content = self._embedded(image, index)
         ending = ".jpg" if content[:2] == b"\xff\xd8" else ".png"
@@ -507,9 +590,15 @@ class _Reader:
         try:
             if uri.startswith("data:"):
                 return base64.b64decode(uri.partition(",")[2])
-            return (self.asset.path.parent / urllib.parse.unquote(uri)).read_bytes()
+            path = self.asset.path.parent / urllib.parse.unquote(uri)
+            self._check_inside(path, uri)
+            return path.read_bytes()
         except (OSError, ValueError):
             raise MrmError(f"{self.where}: buffer {index} cannot be read") from None
+
+    def _check_inside(self, path: Path, name: str) -> None:
+        folder = self.asset.path.resolve().parent
+        external.check_inside(path, name, self.where, folder, self.allow_external)
 
     def _extract(self, image: mx.Node, channel: int, name: str) -> mx.Node:
         node = self.document.addNode("extract", self._free(name), "float")
@@ -529,6 +618,24 @@ class _Reader:
     def _free(self, name: str) -> str:
         free: str = self.document.createValidChildName(name)
         return free
+
+
+def _is_embedded(image: Json) -> bool:
+    uri = image.get("uri")
+    return uri is None or uri.startswith("data:")
+
+
+def _texture_infos(part: Json) -> Iterator[Json]:
+    """Yield every textureInfo of a material, of the extensions that are known too."""
+    for name, value in part.items():
+        if name == "extensions":
+            for extension in set(value) & _KNOWN:
+                yield from _texture_infos(value[extension])
+        elif isinstance(value, dict):
+            if name.endswith("Texture"):
+                yield value
+            else:
+                yield from _texture_infos(value)
 
 
 def _part(material: Json, extension: str) -> Json:
@@ -552,7 +659,7 @@ def _text(numbers: list[float]) -> str:
 # --- MaterialX to glTF --------------------------------------------------------------------------------------
 
 
-def materialx_to_gltf(source: Path, target: Path) -> list[str]:
+def materialx_to_gltf(source: Path, target: Path, allow_external: bool = False) -> list[str]:
     """Write a document that `gltf_to_materialx` made back as glTF; return the materials that changed.
 
     The original glTF, which the document names, is copied; of its materials, only the numbers and image files that
@@ -564,7 +671,7 @@ def materialx_to_gltf(source: Path, target: Path) -> list[str]:
     """
     from mrm_nodes.documents import read_document
 
-    document = read_document(source)
+    document = read_document(source, allow_external=allow_external)
     name = document.getAttribute(SOURCE)
     if not name:
         raise MrmError(f"{source}: was not made from a glTF: it has no {SOURCE}")
@@ -577,7 +684,7 @@ def materialx_to_gltf(source: Path, target: Path) -> list[str]:
         raise MrmError(
             f"{target}: its images and buffers are named relative to {asset.path.parent}; write it there"
         )
-    baseline = _document(asset, source, {})
+    baseline = _document(asset, source, {}, allow_external)
     result = Asset(asset.path, copy.deepcopy(asset.json), asset.binary)
     changed = []
     for node in document.getMaterialNodes():

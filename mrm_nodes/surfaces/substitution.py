@@ -49,6 +49,15 @@ def known_surfaces() -> dict[str, Surface]:
     return {node: Surface(node=node, **fields) for node, fields in tomllib.loads(text).items()}
 
 
+def twin_with(category: str, input_name: str) -> str:
+    """Return the node of ours that has an input which MaterialX's node of a category lacks; empty for none."""
+    surface = known_surfaces().get(category)
+    if surface is not None and input_name == surface.input:
+        return surface.name
+    is_ours = input_name in (WEIGHT, "masking", "retro_transmission")
+    return SUBSTITUTES.get(category, "") if is_ours else ""
+
+
 def retrofit(
     document: mx.Document,
     nodedef: str | mx.NodeDef,

@@ -29,7 +29,7 @@ def read_document(
     """Read a .mtlx file, with MaterialX's standard libraries and ours beside it.
 
     libraries: a MaterialX `libraries` folder in place of the installed MaterialX's.
-    allow_external: whether it may include documents and name images outside of its folder and the node libraries.
+    allow_external: whether it may name files outside of its folder and the node libraries: documents, images, source.
 
     Raises:
         MrmError: the file is missing, is not MaterialX, is too large, or names a file that it may not read.
@@ -37,7 +37,7 @@ def read_document(
     file = Path(path)
     document = _Reading(file, allow_external).document
     _drop_empty(document)
-    external.check_images(document, file, allow_external)
+    external.check_files(document, file, allow_external)
     document.setDataLibrary(library.shared_library(libraries))
     cycles.check_cycles(document, str(file))
     return document
@@ -59,8 +59,8 @@ def _drop_empty(document: mx.Document) -> None:
 
 
 def files_of(path: Path, document: mx.Document) -> list[Path]:
-    """Every file of a material: its documents and its images."""
-    files = [*included_documents(path), *external.check_images(document, path, True)]
+    """Every file that a material's shaders are made of: documents, images, and the source code of its own nodes."""
+    files = [*included_documents(path), *external.check_files(document, path, True)]
     return list(dict.fromkeys(Path(os.path.abspath(file)) for file in files))  # noqa: PTH100
 
 

@@ -47,6 +47,8 @@ class Files:
     file: Path | None = None
     tiles: Mapping[Tile, Path] = field(default_factory=dict)
     """Of a name with <UDIM> or <UVTILE>, the files that are there."""
+    instead: Path | None = None
+    """What has the name and is no file: a folder, a device. It hides a file of that name in a later folder."""
 
     def all(self) -> list[Path]:
         """Every file."""
@@ -98,6 +100,16 @@ def is_file(path: Path) -> bool:
     return os.path.isfile(path)  # noqa: PTH113
 
 
+def folder_of(path: Path) -> Path:
+    """The folder of a document; where the document is a link, the link's."""
+    return Path(os.path.abspath(path)).parent  # noqa: PTH100
+
+
+def image_folders(folder: Path) -> list[Path]:
+    """Where the images of a document in a folder are looked for, in this order."""
+    return [folder, *search_folders()]
+
+
 def search_folders() -> list[Path]:
     """Where MaterialX looks for what is not beside the document: its libraries, ours, and MATERIALX_SEARCH_PATH."""
     return [*folders_of(library.search_path()), *folders_of(mx.getEnvironmentPath())]
@@ -121,9 +133,10 @@ def find(name: str, folders: Sequence[Path]) -> Files:
             tiles = {**_tiles(text, place), **tiles}
         return Files(text, tiles=dict(sorted(tiles.items())))
     for place in _places(text, folders):
-        # A folder of that name hides a file in a later place from MaterialX.
+        if is_file(place / text):
+            return Files(text, place / text)
         if os.path.exists(place / text):  # noqa: PTH110  no error for a name that no file can have
-            return Files(text, place / text if is_file(place / text) else None)
+            return Files(text, instead=place / text)
     return Files(text)
 
 
@@ -170,8 +183,9 @@ def absence(name: str, folders: Sequence[Path]) -> str:
     text = with_slashes(name)
     if "\0" in name:
         return "a NUL character is in no file's name"
-    if any(Path(place / text).is_dir() for place in _places(text, folders)):
-        return "is a folder"
+    instead = find(text, folders).instead
+    if instead is not None:
+        return f"is {'a folder' if instead.is_dir() else 'a device, a pipe or the like'}, and no file"
     if _DRIVE.match(name) or name.startswith("\\\\"):
         return f"is a Windows path, which means nothing on this system: {_by_its_last(text, folders)}"
     if is_address(name):
@@ -187,6 +201,10 @@ def absence(name: str, folders: Sequence[Path]) -> str:
         reasons.append("`~`, `$` and `%` are plain text in MaterialX: write the folder out")
     elif is_absolute(text):
         reasons.append(_by_its_last(text, folders))
+    elif folders and os.path.normpath(text).startswith(".."):
+        reasons.append(
+            f"it would lie outside of {folders[0]}, where only --allow-external lets a material read"
+        )
     elif folders:
         reasons.append(_beside(text, folders[0]))
     return "; ".join(reasons)

@@ -14,7 +14,7 @@ from typing import Any
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import library, mdl
+from mrm_nodes import filenames, library, mdl
 from mrm_nodes.documents import one_line, read_document
 from mrm_nodes.elements import check_document, find_renderable, used_by
 from mrm_nodes.errors import MrmError, unknown
@@ -47,7 +47,7 @@ class Shader:
     pixel: str
     mx: Any  # MaterialX.PyMaterialXGenShader.Shader
     document: mx.Document  # the shader's uniforms refer to its elements
-    search_path: mx.FileSearchPath  # where textures are looked for
+    search_path: tuple[Path, ...]  # folders in which textures are looked for, in this order
 
 
 def supported_targets() -> list[str]:
@@ -132,13 +132,13 @@ def generate_shader(
 
     if isinstance(path_or_document, mx.Document):
         document, where = path_or_document, path_or_document.getSourceUri() or "document"
-        folder = Path(path_or_document.getSourceUri()).parent
+        folder = filenames.folder_of(Path(path_or_document.getSourceUri() or "document"))
         if not document.hasDataLibrary() and document.getNodeDef("ND_conductor_bsdf") is None:
             document.setDataLibrary(library.shared_library(libraries))
     else:
         document = read_document(path_or_document, libraries, allow_external)
         where = os.fspath(path_or_document)
-        folder = Path(path_or_document).resolve().parent
+        folder = filenames.folder_of(Path(path_or_document))
     renderable = find_renderable(document, where, element)
     generator = generator_class.create()  # type: ignore[attr-defined]
     check_document(document, where, renderable, generator.getTarget())
@@ -179,8 +179,6 @@ def generate_shader(
     except Exception as error:  # MaterialX's own exception types differ between versions
         reason = _without_implementation(renderable, generator.getTarget()) or one_line(error)
         raise MrmError(f"{where}: {target} shader of {renderable.getNamePath()}: {reason}") from None
-    image_path = library.search_path(libraries)
-    image_path.prepend(mx.FilePath(str(folder.resolve())))
     return Shader(
         name=name,
         target=target,
@@ -188,7 +186,7 @@ def generate_shader(
         pixel=_knowing_environment(_source(shader, "pixel"), environment),
         mx=shader,
         document=document,
-        search_path=image_path,
+        search_path=tuple(filenames.image_folders(folder)),
     )
 
 

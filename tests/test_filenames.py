@@ -263,7 +263,9 @@ def test_a_name_with_a_token_stands_for_a_file_for_each_tile(name: str, tmp_path
         ("tex/aa.png", "did you mean tex/a.png"),
         ("unlikely.png", "did you mean unlike.png"),
         ("none/b.png", "looked from"),
-        ("../b.png", "looked from"),
+        ("../b.png", "outside of"),
+        ("..\\b.png", "--allow-external"),
+        ("tex/../../b.png", "outside of"),
     ],
 )
 def test_a_name_that_means_nothing_is_told_why(name: str, told: str, tmp_path: Path):

@@ -392,10 +392,10 @@ def _placed(case: MaterialCase) -> mx.Document:
         return with_values(read(case), case.inputs, case.material)
     file = case.root / case.material
     # What it may read was checked where it came from. Here it is what came along.
-    external.check_travelled(documents.included_documents(file), file, case.root)
+    external.check_travelled(documents.included_documents(file), file, case.origin, case.root)
     document = with_values(documents.read_document(file, allow_external=True), case.inputs, case.material)
-    external.move_images(document, case.origin, case.root)
-    external.check_travelled(external.check_images(document, file, True), file, case.root)
+    external.move_names(document, case.origin, case.root)
+    external.check_travelled(external.check_files(document, file, True), file, case.origin, case.root)
     return document
 
 

@@ -532,7 +532,7 @@ class _Maker:
         document = with_values(self._read(material), {path: value}, material)
         if not isinstance(value, str):
             return ()
-        found = external.check_images(document, file, self._allow_external)
+        found = external.check_files(document, file, self._allow_external)
         return tuple(os.path.relpath(each, self._folder) for each in found)
 
     @functools.cache  # noqa: B019

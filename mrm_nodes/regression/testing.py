@@ -19,7 +19,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes import documents, shadergen
+from mrm_nodes import documents, external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.pytest_plugin import MARK
 from mrm_nodes.regression import baseline
@@ -132,6 +132,8 @@ def picture(
     known = materials_of(document, case.material)
     if element is None and len(known) > 1:
         raise MrmError(f"{case.material} has several materials; name one: element={' or '.join(known)}")
+    with_values(document, case.inputs, case.material)
+    external.check_files(document, folder / case.material, allow_external)
     files = documents.files_of(folder / case.material, document)
     depends = tuple(os.path.relpath(path, folder) for path in files)
     return Picture(replace(case, element=element or known[0], depends=depends), backend)

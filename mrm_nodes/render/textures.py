@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import MaterialX as mx
 import moderngl
 import numpy as np
 
@@ -112,18 +112,17 @@ class TextureCache:
         self._context.call("glTexParameterfv", _GL_TEXTURE_2D, _GL_TEXTURE_BORDER_COLOR, border)
 
 
-def find_image(name: str, search_path: mx.FileSearchPath, uniform: str) -> Path:
+def find_image(name: str, search_path: Sequence[Path], uniform: str) -> Path:
     """Return the file that a material's input names.
 
     Raises:
         MrmError: it is nowhere on the search path, or stands for a set of tiles.
     """
-    folders = filenames.folders_of(search_path)
-    found = filenames.find(name, folders)
+    found = filenames.find(name, search_path)
     if found.tiles:
         raise MrmError(f"{name}: a set of {len(found.tiles)} tiles is not drawn (input {uniform})")
     if found.file is None:
-        raise MrmError(f"{name}: no such image (input {uniform}): {filenames.absence(name, folders)}")
+        raise MrmError(f"{name}: no such image (input {uniform}): {filenames.absence(name, search_path)}")
     return found.file
 
 

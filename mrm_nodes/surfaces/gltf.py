@@ -207,7 +207,7 @@ def gltf_to_materialx(
         raise MrmError(f"{source}: its MaterialX is not valid: {' '.join(message.split())}")
     document.setDataLibrary(None)
     try:
-        external.check_images(document, target, allow_external)
+        external.check_files(document, target, allow_external)
     except MrmError as error:
         warnings.warn(str(error), MrmWarning, stacklevel=2)
     for name, content in images.items():

@@ -358,7 +358,7 @@ def _check_result(
     result = documents.parse_document(text, source, allow_external)
     result.setDataLibrary(library.shared_library())
     elements.check_document(result, os.fspath(source))
-    external.check_images(result, target, allow_external)
+    external.check_files(result, target, allow_external)
     valid, message = result.validate()
     if not valid and document.validate()[0]:
         raise MrmError(f"{source}: would not be valid once retrofitted: {' '.join(message.split())}")

@@ -24,11 +24,17 @@ from mrm_nodes.render.mesh import sphere
 BY_LIGHTS = [case for case in default_suite() if case.environment is None]
 IMAGES = [replace(case, size=(48, 48)) for case in BY_LIGHTS[::12]]
 MATERIAL = """<materialx version="1.39">
-  <image name="worn" type="float"><input name="file" type="filename" value="tex/worn.exr"/></image>
+  <nodedef name="ND_halved" node="halved">
+    <input name="in" type="float" value="0.0"/><output name="out" type="float"/>
+  </nodedef>
+  <implementation name="IM_halved" nodedef="ND_halved" target="genglsl" file="OUTSIDE/halved.glsl" function="halved"/>
+  <image name="worn" type="float"><input name="file" type="filename" value="tex\\worn.exr"/></image>
+  <image name="spare" type="float"><input name="file" type="filename" value="tex/spare.&lt;UDIM&gt;.exr"/></image>
+  <halved name="half" type="float"><input name="in" type="float" nodename="worn"/></halved>
   <image name="brushed" type="vector2"><input name="file" type="filename" value="OUTSIDE/brushed.exr"/></image>
   <mrm_conductor_bsdf name="bsdf" type="BSDF">
     <input name="roughness" type="vector2" nodename="brushed"/>
-    <input name="retroreflectivity" type="float" nodename="worn"/>
+    <input name="retroreflectivity" type="float" nodename="half"/>
   </mrm_conductor_bsdf>
   <surface name="surface" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="bsdf"/></surface>
   <surfacematerial name="m" type="material">
@@ -36,6 +42,10 @@ MATERIAL = """<materialx version="1.39">
   </surfacematerial>
 </materialx>
 """
+SOURCE = {
+    "halved.glsl": '#include "lib/half.glsl"\nvoid halved(float i, out float o) { o = i * half_of_one; }\n',
+    "lib/half.glsl": "#define half_of_one 0.5\n",
+}
 SUITE = """
 [[case]]
 name = "own"
@@ -49,8 +59,8 @@ CLOUDS = [Cloud("mrm_conductor_bsdf", configurations=5000)]
 
 @pytest.fixture(scope="module")
 def tasks(tmp_path_factory):
-    """Images, a cloud, a material with a mesh and textures of its own, one of them elsewhere by an absolute name, and
-    tasks that share files.
+    """Images, a cloud, a material with a mesh, textures and a node of its own, some of them elsewhere by absolute
+    names, and tasks that share files.
     """
     folder = tmp_path_factory.mktemp("files")
     files = [folder / "mesh.obj", folder / "texture.exr"]
@@ -59,9 +69,14 @@ def tasks(tmp_path_factory):
     reading = [Nasty(f"reads-{number}", file=file) for number, file in enumerate(files * 5)]
     (folder / "tex").mkdir()
     write_exr(folder / "tex" / "worn.exr", np.random.default_rng(0).random((16, 16), np.float32))
+    for tile in ("1001", "1012"):
+        (folder / "tex" / f"spare.{tile}.exr").write_bytes(tile.encode())
     write_obj(sphere(), folder / "ball.obj")
     outside = tmp_path_factory.mktemp("outside")
     write_exr(outside / "brushed.exr", np.random.default_rng(1).uniform(0.3, 0.5, (16, 16, 3)))
+    (outside / "lib").mkdir()
+    for name, text in SOURCE.items():
+        (outside / name).write_text(text)
     (folder / "m.mtlx").write_text(MATERIAL.replace("OUTSIDE", str(outside)))
     (folder / "suite.toml").write_text(SUITE)
     return [*IMAGES, *CLOUDS, *reading, *suites.suite(str(folder / "suite.toml"), allow_external=True)]
@@ -153,24 +168,33 @@ def travelled(tmp_path, tasks):
     return case, case.moved(tree / case.root.relative_to("/")), store
 
 
-def test_a_texture_of_an_absolute_name_is_read_from_what_came_along(
-    working_backend, travelled, expected, tmp_path
-):
+@pytest.mark.parametrize("name", ["brushed.exr", "worn.exr", "halved.glsl", "half.glsl"])
+def test_each_file_is_read_from_what_came_along(working_backend, travelled, expected, tmp_path, name):
     case, there, _store = travelled
-    texture = next(path for path in case.files() if path.name == "brushed.exr")
-    texture.rename(texture.with_name("away"))
+    file = next(path for path in case.files() if path.name == name)
+    file.rename(file.with_name("away"))
     try:
         worker = Worker(working_backend)
         outcome = worker.run(there, tmp_path)
         assert (outcome.verdict, outcome.message) == ("pass", "")
         render = f"cases/{working_backend}/{case.name}/render.exr"
         assert (tmp_path / render).read_bytes() == (expected[1] / render).read_bytes()
-        assert str(texture) in worker.run(case, tmp_path / "here").message
+        assert str(file) in worker.run(case, tmp_path / "here").message
     finally:
-        texture.with_name("away").rename(texture)
+        file.with_name("away").rename(file)
 
 
-@pytest.mark.parametrize("what", ["a document", "an image"])
+def test_every_tile_of_a_set_comes_along(travelled):
+    _, there, _store = travelled
+    for tile in ("1001", "1012"):
+        assert (there.root / there.material).with_name("tex").joinpath(
+            f"spare.{tile}.exr"
+        ).read_text() == tile
+
+
+@pytest.mark.parametrize(
+    "what", ["a document", "an image", "an image by a prefix", "source", "source of source"]
+)
 def test_what_did_not_come_along_is_named(working_backend, travelled, tmp_path, what):
     """Also where the worker's machine has something under that name."""
     _, there, _store = travelled
@@ -181,11 +205,43 @@ def test_what_did_not_come_along_is_named(working_backend, travelled, tmp_path, 
         file = tmp_path / "graph.mtlx"
         file.write_text('<materialx version="1.39" />')
         document.write_text(MATERIAL.replace("<image", f'<xi:include href="{file}" /><image', 1))
-    else:
+    elif what == "an image":
         document.write_text(MATERIAL.replace("OUTSIDE/brushed.exr", str(file)))
+    elif what == "an image by a prefix":
+        text = MATERIAL.replace("OUTSIDE/brushed.exr", file.name)
+        document.write_text(text.replace('"1.39"', f'"1.39" fileprefix="{file.parent}/"', 1))
+    elif what == "source":
+        document.write_text(MATERIAL.replace("OUTSIDE/halved.glsl", str(file)))
+    else:
+        document.with_name("own.glsl").write_text(f'// #include "{file}"')
+        document.write_text(MATERIAL.replace("OUTSIDE/halved.glsl", "own.glsl"))
     outcome = Worker(working_backend).run(there, tmp_path / "report")
     assert outcome.verdict == "error"
     assert f"{file} did not come along to the cluster's worker" in outcome.message
+
+
+@pytest.mark.parametrize("what", ["the same", "another"])
+def test_what_both_machines_have_on_the_search_path_is_the_same_or_an_error(
+    working_backend, tmp_path, monkeypatch, what
+):
+    shared, own = tmp_path / "shared", tmp_path / "own"
+    for place in (shared, own):
+        place.mkdir()
+    write_exr(shared / "worn.exr", np.full((4, 4), 0.3, np.float32))
+    monkeypatch.setenv("MATERIALX_SEARCH_PATH", str(shared))
+    text = MATERIAL.replace("tex\\worn.exr", "worn.exr").replace("OUTSIDE/halved.glsl", "halved.glsl")
+    (own / "halved.glsl").write_text("void halved(float i, out float o) { o = 0.5 * i; }\n")
+    (own / "m.mtlx").write_text(text.replace("OUTSIDE/brushed.exr", "worn.exr"))
+    (case,) = suites.suite(str(own))
+    contents = {digest(path.read_bytes()): path.read_bytes() for path in case.files()}
+    store = Store()
+    tree = store.lay_out({str(path): digest(path.read_bytes()) for path in case.files()}, contents)
+    there = replace(case, size=(16, 16)).moved(tree / case.root.relative_to("/"))
+    if what == "another":
+        write_exr(shared / "worn.exr", np.full((4, 4), 0.4, np.float32))
+    outcome = Worker(working_backend).run(there, tmp_path / "report")
+    assert outcome.verdict == ("pass" if what == "the same" else "error"), outcome.message
+    assert ("did not come along" in outcome.message) == (what == "another")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense://x"])

@@ -51,11 +51,12 @@ _OF_NODES = frozenset(
 
 def _drop_empty(document: mx.Document) -> None:
     """Remove the inputs that are an empty text where a node could be: exporters write them, some generators fail."""
-    for element in list(document.traverseTree()):
-        if element.isA(mx.Input) and element.getType() in _OF_NODES and element.getAttribute("value") == "":
-            names = ("nodename", "nodegraph", "interfacename", "output")
-            if not any(element.getAttribute(name) for name in names):
-                element.getParent().removeChild(element.getName())
+    connections = ("nodename", "nodegraph", "interfacename", "output")
+    for node in [each for each in document.traverseTree() if each.isA(mx.Node)]:
+        for port in node.getInputs():
+            is_connected = any(port.getAttribute(name) for name in connections)
+            if port.getType() in _OF_NODES and not port.getAttribute("value") and not is_connected:
+                node.removeInput(port.getName())
 
 
 def files_of(path: Path, document: mx.Document) -> list[Path]:

@@ -128,6 +128,23 @@ def test_an_empty_text_at_a_surface_s_input_is_nothing(tmp_path: Path, kind: str
     assert generate_shader(written(tmp_path, lit.format(empty), end), interface="reduced").pixel == alone
 
 
+def test_a_definition_s_own_inputs_have_no_value_and_stay(tmp_path: Path):
+    definition = (
+        '<nodedef name="ND_over" node="over"><input name="top" type="BSDF" /><input name="base" type="BSDF" value="" />'
+        '<output name="out" type="BSDF" /></nodedef><nodegraph name="NG_over" nodedef="ND_over">'
+        '<layer name="l" type="BSDF"><input name="top" type="BSDF" interfacename="top" />'
+        '<input name="base" type="BSDF" interfacename="base" /></layer>'
+        '<output name="out" type="BSDF" nodename="l" /></nodegraph>'
+    )
+    nodes = (
+        '<dielectric_bsdf name="d" type="BSDF" /><conductor_bsdf name="c" type="BSDF" /><over name="o" type="BSDF">'
+        '<input name="top" type="BSDF" nodename="d" /><input name="base" type="BSDF" nodename="c" /></over>'
+        '<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="o" /></surface>'
+    )
+    code = generate_shader(written(tmp_path, definition, nodes), element="s").pixel
+    assert "mx_dielectric_bsdf" in code and "mx_conductor_bsdf" in code
+
+
 @pytest.mark.parametrize("text", ["0,5", "0.5f", "1 2", "1e", "--1", "0x10", "1_000", "infinity", "½"])
 def test_a_number_that_is_none_is_refused_by_input_and_value(tmp_path: Path, text: str):
     file = written(tmp_path, surface(f'<input name="base" type="float" value="{text}" />'))

@@ -298,6 +298,27 @@ def test_the_encoding_of_a_document_stays(folder: Path, encoding: str) -> None:
     assert (folder / "out.mtlx").read_bytes().decode(encoding) == text.replace("<standard_", "<mrm_standard_")
 
 
+def test_surfaces_in_a_document_that_is_included_are_named(folder: Path) -> None:
+    write(SIGN, "signs.mtlx")
+    (folder / "all.mtlx").write_text(
+        f'{HEAD}<materialx version="1.39" xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="signs.mtlx" />'
+        '<look name="L"><materialassign name="m" material="material1" geom="/" /></look></materialx>'
+    )
+    with pytest.raises(MrmError, match=r"retrofit signs\.mtlx, which it includes, and include what comes out"):
+        convert("all.mtlx", "out.mtlx")
+    text = (
+        Path("all.mtlx").read_text().replace("<look ", '<gltf_pbr name="post" type="surfaceshader" /><look ')
+    )
+    Path("both.mtlx").write_text(text)
+    with pytest.warns(
+        MrmWarning, match="the surfaces in signs.mtlx, which it includes, stay as they are; retrofit it"
+    ):
+        assert convert("both.mtlx", "out.mtlx") == ["post"]
+    convert("signs.mtlx", "retro.mtlx", {WEIGHT: 0.5})
+    Path("all.mtlx").write_text(Path("all.mtlx").read_text().replace("signs.mtlx", "retro.mtlx"))
+    assert read_document("all.mtlx").getNode("sign").getCategory() == "mrm_standard_surface"
+
+
 # ---- our inputs on MaterialX's own nodes
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import tempfile
 import warnings
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -60,7 +60,8 @@ def retrofit_file(
     if renamed:
         document = documents.parse_document(content, source, allow_external)
         document.setDataLibrary(library.shared_library())
-    rewriting = _Rewriting(content, where, dict(weights or {}), document, target.parent, renamed)
+    included = _included_surfaces(source)
+    rewriting = _Rewriting(content, where, dict(weights or {}), document, target.parent, renamed, included)
     _check_result(document, rewriting.text(), source, target, allow_external)
     if _has_relative_textures(document) and target.resolve().parent != source.resolve().parent:
         warnings.warn(
@@ -71,6 +72,13 @@ def retrofit_file(
     for old, new in renamed.items():
         warnings.warn(
             f"{target}: {old} is named {new} now; shading languages take no such name",
+            MrmWarning,
+            stacklevel=2,
+        )
+    if included:
+        warnings.warn(
+            f"{source}: the surfaces in {', '.join(included)}, which it includes, stay as they are; "
+            f"retrofit {_it(included)} too, and include what comes out",
             MrmWarning,
             stacklevel=2,
         )
@@ -115,6 +123,7 @@ class _Rewriting:
         document: mx.Document | None = None,
         folder: Path = Path(),
         renamed: Mapping[str, str] | None = None,
+        included: Sequence[str] = (),
     ) -> None:
         check_weights(weights)
         self._text, self._codec = xmltext.decode(content, where)
@@ -128,7 +137,7 @@ class _Rewriting:
         for tag in self._root.walk():
             self._rewrite(tag)
         if not self.changed:
-            raise MrmError(f"{where}: {_why_nothing(self._root)}")
+            raise MrmError(f"{where}: {_why_nothing(self._root, included)}")
         for unused in sorted(set(weights) - self._used):
             raise MrmError(f"{where}: no surface in it has an input {unused}")
 
@@ -319,16 +328,33 @@ def _our_nodes() -> set[str]:
     return {surface.name for surface in known_surfaces().values()} | set(SUBSTITUTES.values())
 
 
-def _why_nothing(root: Tag) -> str:
+def _why_nothing(root: Tag, included: Sequence[str]) -> str:
     present = next((tag for tag in root.walk() if tag.name in _our_nodes()), None)
     if root.name != "materialx":
         return f"is <{root.name}>, not <materialx>"
+    known = ", ".join(known_surfaces())
+    if included:
+        return (
+            f"has none of {known} itself; retrofit {', '.join(included)}, which it includes, and include what "
+            "comes out"
+        )
     if present is not None:
         return f"is retrofitted already: {present.attributes.get('name')} is a {present.name}"
-    known = ", ".join(known_surfaces())
-    if any(tag.name.endswith(":include") for tag in root.walk()):
-        return f"has none of {known} itself; retrofit the files that it includes"
     return f"has nothing to retrofit: none of {known}, and no BSDF with {SWITCH} on"
+
+
+def _it(files: Sequence[str]) -> str:
+    return "it" if len(files) == 1 else "them"
+
+
+def _included_surfaces(source: Path) -> list[str]:
+    """The documents that a document includes, all the way down, in which there are surfaces to retrofit."""
+    found = []
+    for file in documents.included_documents(source)[1:]:
+        text, _ = xmltext.decode(file.read_bytes(), str(file))
+        if any(_surface_of(tag) for tag in parse(text, str(file)).walk()):
+            found.append(os.path.relpath(file, source.parent))
+    return list(dict.fromkeys(found))
 
 
 def _filenames(document: mx.Document) -> list[mx.Input]:

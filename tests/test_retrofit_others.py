@@ -304,7 +304,9 @@ def test_surfaces_in_a_document_that_is_included_are_named(folder: Path) -> None
         f'{HEAD}<materialx version="1.39" xmlns:xi="http://www.w3.org/2001/XInclude"><xi:include href="signs.mtlx" />'
         '<look name="L"><materialassign name="m" material="material1" geom="/" /></look></materialx>'
     )
-    with pytest.raises(MrmError, match=r"retrofit signs\.mtlx, which it includes, and include what comes out"):
+    with pytest.raises(
+        MrmError, match=r"retrofit signs\.mtlx, which it includes, and include what comes out"
+    ):
         convert("all.mtlx", "out.mtlx")
     text = (
         Path("all.mtlx").read_text().replace("<look ", '<gltf_pbr name="post" type="surfaceshader" /><look ')

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import re
+import shutil
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,8 @@ from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.regression import suites
+from mrm_nodes.regression.baseline import fingerprint
+from mrm_nodes.regression.inputs import Inputs, key
 from mrm_nodes.regression.suitefile import load
 from mrm_nodes.regression.suitetable import SuiteError
 from mrm_nodes.regression.tolerance import Tolerance
@@ -201,6 +204,73 @@ def test_files_beside_the_suite_s_folder_move_with_it(folder: Path):
     }
     assert case.moved(Path("/elsewhere")).files()[0] == Path("/elsewhere/metal.mtlx")
     assert case.store.folder == folder / "set" / "deep" / "baselines"
+
+
+ABSOLUTE = """
+[meshes]
+post = "{here}/box.obj"
+[environments]
+dusk = {{ map = "{here}/dusk.exr" }}
+[[case]]
+material = ["{here}/set/**/*.mtlx", "{here}/velvet.mtlx", "metal.mtlx"]
+name = "{{material}}-{{mesh}}"
+mask = "{here}/mask.png"
+[case.matrix]
+mesh = ["post", "{here}/box.obj", "{studio}/pole.obj"]
+[[case]]
+material = "{studio}/steel.mtlx"
+environment = "dusk"
+[[case]]
+material = "textured.mtlx"
+[case.input]
+"i/file" = "{here}/mask.png"
+"""
+TEXTURED = METAL.replace(
+    "<mrm_conductor_bsdf",
+    '<image name="i" type="color3"><input name="file" type="filename" value="STUDIO/a.exr" /></image>'
+    '<oren_nayar_diffuse_bsdf name="d" type="BSDF"><input name="color" type="color3" nodename="i" />'
+    "</oren_nayar_diffuse_bsdf><mrm_conductor_bsdf",
+)
+
+
+@pytest.mark.parametrize("through_a_link", [False, True])
+def test_a_suite_that_names_files_absolutely_is_the_same_wherever_its_checkout_lies(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, through_a_link: bool
+):
+    """Names, baselines and what the cache knows of its cases: scripts write such suites, anew in each checkout."""
+    studio = tmp_path_factory.mktemp("studio")
+    (studio / "steel.mtlx").write_text(METAL)
+    (studio / "pole.obj").write_text((folder / "box.obj").read_text())
+    (folder / "textured.mtlx").write_text(TEXTURED.replace("STUDIO", str(studio)))
+    for image in (folder / "dusk.exr", studio / "a.exr", folder / "mask.png"):
+        image.write_bytes(b"")
+    other = tmp_path_factory.mktemp("elsewhere") / "deeper" / "checkout"
+    shutil.copytree(folder, other)
+    link = tmp_path_factory.mktemp("links") / "checkout"
+    link.symlink_to(other, target_is_directory=True)
+    told = []
+    for here in (folder, other):
+        read = link if through_a_link and here == other else here
+        (here / "suite.toml").write_text(ABSOLUTE.format(here=here, studio=studio))
+        told.append(
+            [
+                (case.name, case.describe(), fingerprint(case), key(case, "egl", Inputs(), ""))
+                for case in load(read / "suite.toml", allow_external=True).cases
+            ]
+        )
+    assert told[0] == told[1]
+    names = [name for name, *_ in told[0]]
+    assert names[:3] == ["deep.metal-post", "deep.metal-box", "deep.metal-pole"]
+    described = {name: setup for name, setup, *_ in told[0]}
+    assert described["deep.metal-box"]["material"] == "set/deep/metal.mtlx"
+    assert described["deep.metal-box"]["mesh"] == "box.obj"
+    assert described["deep.metal-pole"]["mesh"] == f"{studio}/pole.obj"
+    assert described["steel"]["material"] == f"{studio}/steel.mtlx"
+    assert described["textured"]["inputs"] == {"i/file": "mask.png"}
+    # What is outside counts by its contents.
+    (studio / "a.exr").write_bytes(b"another")
+    (case,) = (case for case in load(folder / "suite.toml", True).cases if case.name == "textured")
+    assert fingerprint(case) != told[0][-1][2]
 
 
 def test_a_case_is_data(folder: Path):

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.files import lock, replace_durably, sync_folder, write_durably
+from mrm_nodes.regression.inputs import by_name, home_of
 from mrm_nodes.render.images import read_image
 
 LOG = "log.jsonl"
@@ -65,9 +66,8 @@ def fingerprint(case: Case) -> str:
         MrmError: a file is missing.
     """
     setup = {name: value for name, value in case.describe().items() if name not in _OF_JUDGEMENT}
-    files = {
-        os.path.relpath(path, case.root): hashlib.sha256(_bytes(path)).hexdigest() for path in case.sources()
-    }
+    digests = {path: hashlib.sha256(_bytes(path)).hexdigest() for path in case.sources()}
+    files = by_name(digests, home_of(case))
     return hashlib.sha256(json.dumps([setup, files], sort_keys=True).encode()).hexdigest()
 
 

@@ -8,7 +8,7 @@ import importlib.metadata
 import json
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -128,7 +128,7 @@ def key(task: Task, backend: str, inputs: Inputs, around: str) -> str:
             "node": task.node,
             "target": task.target,
             "setup": task.describe(),
-            "files": {_name(path, task): inputs.digest(path) for path in task.files()},
+            "files": by_name({path: inputs.digest(path) for path in task.files()}, home_of(task)),
             "backend": backend,
             "conditions": around,
         }
@@ -141,6 +141,20 @@ def root_of(task: Task) -> Path:
     return root
 
 
-def _name(path: Path, task: Task) -> str:
-    """A file's name, the same wherever the suite lies."""
-    return os.path.relpath(path, root_of(task))
+def home_of(task: Any) -> Path:
+    """The folder that a task's files move with: the suite's own."""
+    home: str = getattr(task, "home", ".")
+    return Path(os.path.normpath(root_of(task) / home))
+
+
+def by_name(digests: Mapping[Path, str], home: Path) -> dict[str, Any]:
+    """Files' digests by names that are the same wherever the suite lies; what is outside of its folder has none."""
+    found: dict[str, Any] = {}
+    outside = []
+    for path, each in digests.items():
+        name = os.path.relpath(path, home)
+        if Path(name).parts[:1] == ("..",):
+            outside.append(each)
+        else:
+            found[name] = each
+    return {**found, "..": sorted(outside)} if outside else found

@@ -86,6 +86,10 @@ class MaterialCase:
     """The files of the material: documents and textures, itself included."""
     baselines: str = "baselines"
     """Folder of the stored images."""
+    home: str = "."
+    """The suite's folder, which names in its description are relative to: they stay when it moves."""
+    fixed: tuple[str, ...] = ()
+    """Files outside of it that the suite names absolutely."""
     time_limit: float | None = None
     """Seconds that the case may take, or the run's own limit."""
     allow_external: bool = False
@@ -111,23 +115,42 @@ class MaterialCase:
         return (self.target, str(self.root), self.material, self.element, tuple(sorted(self.inputs)))
 
     def describe(self) -> dict[str, Any]:
-        """What it is, for the report."""
+        """What it is, for the report; the same wherever the suite lies."""
+        around = self.environment
+        if around is not None and not _is_built_in(around):
+            around = replace(around, name=self._told(around.name))
         return {
-            "material": self.material,
+            "material": self._told(self.material),
             "element": self.element,
             "truth": self.truth,
             "reason": self.reason,
-            "inputs": dict(self.inputs),
-            "mesh": self.mesh,
+            "inputs": {name: self._told_value(value) for name, value in self.inputs.items()},
+            "mesh": self.mesh if self.mesh in BUILT_IN else self._told(self.mesh),
             "camera": repr(self.camera),
             "lights": [repr(light) for light in self.lights],
-            "environment": None if self.environment is None else repr(self.environment),
+            "environment": None if around is None else repr(around),
             "size": list(self.size),
             "tolerance": self.tolerance.asked(),
-            "mask": self.mask,
-            "baselines": self.baselines,
+            "mask": self.mask and self._told(self.mask),
+            "baselines": self._told(self.baselines),
             "allow_external": self.allow_external,
         }
+
+    def _told(self, name: str) -> str:
+        """A file's name as its description has it."""
+        if name in self.fixed:
+            return str((self.origin or self.root) / name)
+        return name if self.home == "." else os.path.relpath(name, self.home)
+
+    def _told_value(self, value: Value) -> Value:
+        """A value of an input; a file of the suite's folder that it names absolutely is named as any other."""
+        if not isinstance(value, str):
+            return value
+        folder = os.path.normpath((self.origin or self.root) / self.home)
+        inside = external.moved_name(value, Path(folder), Path())
+        return (
+            inside if inside != value else external.moved_name(value, Path(os.path.realpath(folder)), Path())
+        )
 
     @property
     def has_textures(self) -> bool:

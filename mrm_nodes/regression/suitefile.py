@@ -204,7 +204,21 @@ class _Maker:
             fixed = Path(re.split(r"[*?\[]", pattern)[0] + "x").parent if glob.has_magic(pattern) else None
             for name in found:
                 inner = Path(name).relative_to(fixed) if fixed is not None else Path(Path(name).name)
-                yield name, ".".join(inner.with_suffix("").parts)
+                yield self._beside(name), ".".join(inner.with_suffix("").parts)
+
+    def _beside(self, name: str) -> str:
+        """A file's name relative to the suite's folder; one that is named absolutely and lies elsewhere, as it is."""
+        if not Path(name).is_absolute():
+            return name
+        file, folder = os.path.normpath(name), str(self._folder)
+        for place, inside in ((file, folder), (os.path.realpath(file), os.path.realpath(folder))):
+            if Path(place).is_relative_to(inside):
+                return os.path.relpath(place, inside)
+        return file
+
+    def _relative(self, file: Path) -> str:
+        """A file's name relative to the suite's folder, wherever it lies."""
+        return os.path.relpath(self._folder / self._beside(str(file)), self._folder)
 
     def _is_reported(self, name: str) -> bool:
         """Whether a file is a report's copy of a material."""
@@ -402,14 +416,14 @@ class _Maker:
     def _file(self, name: str) -> str:
         if not filenames.is_file(self._folder / name):
             raise MrmError(f"no file {name} beside the suite")
-        return name
+        return self._beside(name)
 
     def _mesh(self, name: str) -> str:
         file = self._table.meshes.get(name, name)
         if file in BUILT_IN:
             return file
         if filenames.is_file(self._folder / file) and Path(file).suffix.lower() in MESH_SUFFIXES:
-            return file
+            return self._beside(file)
         if name in self._table.meshes or Path(name).suffix:
             raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite")
         raise MrmError(f"unknown mesh {name}; {suggestion(name, [*BUILT_IN, *self._table.meshes])}")
@@ -442,7 +456,8 @@ class _Maker:
             for key in ("rotation", "intensity", "samples")
             if getattr(table, key) is not None
         }
-        return EnvironmentMap(table.map, tuple(options.items()))
+        built_in = table.map in BUILT_IN_ENVIRONMENTS
+        return EnvironmentMap(table.map if built_in else self._beside(table.map), tuple(options.items()))
 
     def _tolerance(self, name: str) -> Tolerance:
         if name not in self._table.tolerances:
@@ -514,7 +529,7 @@ class _Maker:
         if wrong:
             return (os.path.normpath(material),)
         found = documents.files_of(self._folder / material, self._document(material))
-        return tuple(os.path.relpath(path, self._folder) for path in found)
+        return tuple(map(self._relative, found))
 
     def _unknown(
         self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
@@ -533,7 +548,7 @@ class _Maker:
         if not isinstance(value, str):
             return ()
         found = external.check_files(document, file, self._allow_external)
-        return tuple(os.path.relpath(each, self._folder) for each in found)
+        return tuple(map(self._relative, found))
 
     @functools.cache  # noqa: B019
     def _as_read(self, material: str) -> mx.Document:
@@ -570,6 +585,7 @@ class _Maker:
 
         def moved_case(case: MaterialCase) -> MaterialCase:
             around = case.environment
+            named = [case.material, case.mesh, case.mask or "", around.name if around else ""]
             if around is not None and around.name not in BUILT_IN_ENVIRONMENTS:
                 around = replace(around, name=moved(around.name))
             return replace(
@@ -581,6 +597,8 @@ class _Maker:
                 environment=around,
                 depends=tuple(map(moved, case.depends)),
                 baselines=moved(case.baselines),
+                home=moved("."),
+                fixed=tuple(moved(name) for name in named if Path(name).is_absolute()),
             )
 
         return tuple(map(moved_case, cases))

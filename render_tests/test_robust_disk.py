@@ -3,13 +3,16 @@
 import shutil
 import subprocess
 from contextlib import contextmanager
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.run import run_suite
+from mrm_nodes.render.images import write_exr
 
 CASES = [case for case in default_suite() if case.name.startswith("conductor-ggx-smith")]
 
@@ -41,6 +44,20 @@ def test_a_disk_that_fills_up_ends_the_run_and_what_is_done_stays(working_backen
         report = run_suite(CASES, disk / "report", working_backend, 2, resume=True)
         assert report["summary"]["passed"] == len(CASES)
         assert 0 < report["environment"]["resumed"] <= done
+
+
+def test_a_disk_is_full_though_the_file_that_failed_is_gone_and_left_its_room(
+    working_backend, tmp_path, monkeypatch
+):
+    image = np.random.default_rng(1).random((300, 400, 3), np.float32)
+    with mounted(tmp_path / "disk", "size=1m") as disk:
+        with pytest.raises(MrmError, match=r"a\.exr: cannot be written: No space left on device"):
+            write_exr(disk / "a.exr", image)
+        assert list(disk.iterdir()) == []
+        monkeypatch.setattr("mrm_nodes.regression.run._ROOM", 0)
+        cases = [replace(case, size=(512, 512)) for case in CASES[:2]]
+        with pytest.raises(MrmError, match="No space left on device; what is done is kept"):
+            run_suite(cases, disk / "report", working_backend)
 
 
 def test_a_cache_on_a_full_disk_costs_a_warning(working_backend, tmp_path):

@@ -18,6 +18,8 @@ from mrm_nodes.regression.executors import WorkerProcess
 from mrm_nodes.regression.run import run_suite
 
 LIMIT = 6.0
+FAULTS = {"die": "worker", "hang": "time", "exhaust memory": "memory", "lose context": "opengl"}
+"""What of the machine is at fault."""
 GOOD = [Nasty(f"good-{number}") for number in range(4)]
 REASONS = {
     "die": "the worker process died (signal 9), twice",
@@ -43,6 +45,7 @@ def test_what_harms_a_worker_costs_its_case_and_no_other(working_backend, tmp_pa
     }
     for deed, reason in REASONS.items():
         assert reason in found[deed]["message"]
+        assert found[deed].get("fault") == FAULTS.get(deed)
     assert json.loads((tmp_path / "report.json").read_text()) == report
 
 
@@ -74,6 +77,7 @@ def test_an_executors_workers_survive_the_same(working_backend, tmp_path):
         )
     assert verdicts(report) == {"die": "error", "once": "pass", **{task.name: "pass" for task in GOOD}}
     assert "signal 9" in report["cases"][0]["message"]
+    assert report["cases"][0]["fault"] == "worker"
 
 
 @pytest.mark.parametrize("place", ["workers of its own", "an executor's workers"])

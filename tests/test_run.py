@@ -8,7 +8,7 @@ import sys
 import textwrap
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, get_args
 from xml.etree import ElementTree
 
 import pytest
@@ -18,7 +18,7 @@ from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression import journal, run
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.executors import Judged
-from mrm_nodes.regression.outcome import outcome_of
+from mrm_nodes.regression.outcome import Fault, fault_of, outcome_of
 from mrm_nodes.regression.run import merge, plan_backends, run_suite, shard_of
 from mrm_nodes.render.context import BackendReport
 
@@ -87,6 +87,8 @@ class Judges:
     def __init__(self):
         self.judged = []
         self.before = {}
+        self.faults = {}
+        """By a task's name, what of the machine is at fault; nothing for an error of its own."""
 
     def __call__(self, tasks, backend, scratch, *others):
         for number, task in enumerate(tasks):
@@ -96,7 +98,10 @@ class Judges:
             place.mkdir(parents=True)
             (place / "copy").write_bytes(task.file.read_bytes())
             self.judged.append(task.name)
-            yield Judged(task, outcome_of(task, backend, "pass"), folder)
+            fault = self.faults.get(task.name)
+            verdict, message = ("pass", "") if fault is None else ("error", f"{fault} is at fault")
+            outcome = outcome_of(task, backend, verdict, message=message, fault=fault or "")
+            yield Judged(task, outcome, folder)
 
 
 @pytest.fixture
@@ -337,6 +342,66 @@ def test_shards_merge_to_the_report_of_the_whole(judges, suite, folder, tmp_path
     assert {"shard", "partial"}.isdisjoint(merged["environment"])
     for name in "abcde":
         assert (tmp_path / "merged" / "cases" / name / "copy").read_text() == f"contents of {name}"
+
+
+@pytest.mark.parametrize("fault", [each for each in get_args(Fault) if each not in ("", "disk")])
+def test_what_the_machine_did_is_no_verdict_and_is_run_again(judges, suite, folder, tmp_path, fault):
+    cache = Cache(tmp_path / "cache")
+    judges.faults = {"b": fault, "d": ""}
+    report = run_suite(suite, folder, cache=cache)
+    cases = {case["name"]: case for case in report["cases"]}
+    assert {name: case["fault"] for name, case in cases.items() if "fault" in case} == {"b": fault}
+    assert cases["b"]["message"] == f"{fault} is at fault"
+    entries = {entry.record["name"]: entry for entry in journal.read(folder).entries}
+    assert entries["b"].outcome.fault == fault and entries["d"].outcome.fault == ""
+
+    judges.judged, judges.faults = [], {"d": ""}
+    report = run_suite(suite, folder, resume=True)
+    assert judges.judged == ["b"]
+    assert [case["verdict"] for case in report["cases"]].count("pass") == 4
+    judges.judged, judges.faults = [], {}
+    report = run_suite(suite, folder, retry_errors=True, cache=cache)
+    assert judges.judged == ["d"]
+    assert report["summary"]["passed"] == 5
+    judges.judged = []
+    run_suite(suite, tmp_path / "another", cache=cache)
+    assert judges.judged == ["b"]
+
+
+def test_a_disk_that_is_full_ends_the_run_though_what_failed_left_room(judges, suite, folder):
+    judges.faults = {"c": "disk"}
+    with pytest.raises(MrmError, match="c: disk is at fault; what is done is kept: go on with --resume"):
+        run_suite(suite, folder)
+    assert [entry.record["name"] for entry in journal.read(folder).entries] == ["a", "b"]
+    judges.faults = {}
+    assert run_suite(suite, folder, resume=True)["environment"]["resumed"] == 2
+
+
+def wrapped(error):
+    """As whoever reads or writes a file says it: an MrmError in place of the other."""
+    try:
+        try:
+            raise error
+        except type(error):
+            raise MrmError("told in a line") from None
+    except MrmError as told:
+        return told
+
+
+@pytest.mark.parametrize(
+    ("error", "fault"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "disk"),
+        (OSError(errno.EDQUOT, "Disk quota exceeded"), "disk"),
+        (OSError(errno.ENOMEM, "Cannot allocate memory"), "memory"),
+        (MemoryError(), "memory"),
+        (FileNotFoundError(errno.ENOENT, "No such file"), ""),
+        (OSError("a message only"), ""),
+        (ValueError("of the case's own"), ""),
+    ],
+)
+def test_what_of_the_machine_is_behind_an_error_is_found(error, fault):
+    assert fault_of(error) == fault_of(wrapped(error)) == fault
 
 
 @pytest.mark.parametrize("given", [(1,), (1, 3)])

@@ -103,6 +103,7 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
 @click.option(
     "--resume", is_flag=True, help="Go on from what an earlier run of the same suite left in the folder."
 )
+@click.option("--retry-errors", is_flag=True, help="As --resume, and run again whatever ended in an error.")
 @click.option("--cache", "cache_folder", type=Path, help="Folder of known results.  [default: this user's]")
 @click.option("--no-cache", is_flag=True, help="Render every case, and keep no results.")
 @click.option("--shard", callback=parse_shard, metavar="I/N", help="Run only part I of N; see `merge`.")
@@ -123,6 +124,7 @@ def regress(
     configurations: int,
     time_limit: float,
     resume: bool,
+    retry_errors: bool,
     cache_folder: Path | None,
     no_cache: bool,
     shard: tuple[int, int],
@@ -160,6 +162,7 @@ def regress(
                 time_limit=time_limit,
                 cache=known,
                 resume=resume,
+                retry_errors=retry_errors,
                 cluster=place,
                 gallery=_scene_gallery if scenes else None,
                 on_partial=lambda partial: _write(partial, json_file, junit, strict),

@@ -21,7 +21,7 @@ from typing import Any
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import inputs
-from mrm_nodes.regression.executors import UNSOUND, Judged, Lost, WorkerProcess, estimate
+from mrm_nodes.regression.executors import Judged, Lost, WorkerProcess, estimate
 from mrm_nodes.regression.outcome import (
     Outcome,
     Task,
@@ -170,7 +170,8 @@ def run_on(
                         submit(task)
                         continue
                     reason = f"the worker was lost ({type(error).__name__}: {error}), twice"
-                    answer = Result(as_record(outcome_of(task, backend, "error", message=reason)), {})
+                    outcome = outcome_of(task, backend, "error", message=reason, fault="worker")
+                    answer = Result(as_record(outcome), {})
                 if isinstance(answer, Missing):
                     submit(task, answer.digests)
                     continue
@@ -246,7 +247,7 @@ def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
     worker process.
     """
     idle = _idle.setdefault((os.getpid(), order.backend), deque())
-    reason = ""
+    lost = Lost("")
     for _ in range(2):
         try:
             process = idle.pop()
@@ -258,21 +259,21 @@ def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
             if inputs.digest_of(inputs.conditions(process.driver)) != order.conditions:
                 reason = "this worker has other versions, another OpenGL or another source than the run"
                 idle.append(process)
-                return outcome_of(task, order.backend, "error", message=reason), []
+                return outcome_of(task, order.backend, "error", message=reason, fault="worker"), []
             process.give(task, folder, order.time_limit)
             outcome: Outcome
             outcome, warned, is_sound = process.wait_for_answer()
-        except Lost as lost:
-            reason = str(lost)
+        except Lost as error:
+            lost = error
         else:
             if is_sound:
                 idle.append(process)
                 return outcome, warned
-            reason = outcome.message or UNSOUND
+            lost = Lost.by(outcome)
         process.stop()
         for left in folder.iterdir():
             shutil.rmtree(left) if left.is_dir() else left.unlink()
-    return outcome_of(task, order.backend, "error", message=f"{reason}, twice"), []
+    return outcome_of(task, order.backend, "error", message=f"{lost}, twice", fault=lost.fault), []
 
 
 def _without(root: str, value: Any) -> Any:

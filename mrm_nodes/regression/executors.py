@@ -19,10 +19,10 @@ from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.outcome import Outcome, Task, needs_evaluator, outcome_of, time_limit_of
+from mrm_nodes.regression.outcome import Fault, Outcome, Task, needs_evaluator, outcome_of, time_limit_of
 
 TIME_LIMIT = 600.0
 """Seconds that a case may take."""
@@ -124,7 +124,16 @@ class Compiled:
 
 
 class Lost(Exception):
-    """A worker process is gone, or must go: says why."""
+    """A worker process is gone, or must go: says why, and what of the machine is at fault."""
+
+    def __init__(self, reason: str, fault: Fault = "worker") -> None:
+        super().__init__(reason)
+        self.fault = fault
+
+    @classmethod
+    def by(cls, outcome: Outcome) -> Self:
+        """A worker that cannot be trusted with another task after this outcome."""
+        return cls(outcome.message or UNSOUND, outcome.fault or "opengl")
 
 
 class WorkerProcess:
@@ -214,9 +223,9 @@ class WorkerProcess:
         """As `wait_for_answer`, or a word on what is compiled before there is an answer."""
         if not self.connection.poll(max(0.0, self.seconds_left)):
             if self._compiling_since is not None:
-                raise Lost(f"numba has compiled for {_COMPILE_LIMIT:g} s without an end")
+                raise Lost(f"numba has compiled for {_COMPILE_LIMIT:g} s without an end", "time")
             what = "no result" if self.driver else "no start of the worker process"
-            raise Lost(f"{what} within the time limit of {self._limit:g} s")
+            raise Lost(f"{what} within the time limit of {self._limit:g} s", "time")
         try:
             message = self.connection.recv()
         except (EOFError, OSError):
@@ -295,7 +304,7 @@ def run_locally(
                     if is_sound:
                         done.append(Judged(task, outcome, member.folder, warned))
                         continue
-                    answer = Lost(outcome.message or UNSOUND)
+                    answer = Lost.by(outcome)
                 crew.replace(member)
                 lost[task.name] += 1
                 if lost[task.name] == 1:
@@ -303,7 +312,7 @@ def run_locally(
                     again.append(task)
                     continue
                 shutil.rmtree(member.folder, ignore_errors=True)
-                outcome = outcome_of(task, backend, "error", message=f"{answer}, twice")
+                outcome = outcome_of(task, backend, "error", message=f"{answer}, twice", fault=answer.fault)
                 done.append(Judged(task, outcome, member.folder))
             # Workers go on while their results are taken over.
             hand_out()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 
@@ -17,6 +18,33 @@ from mrm_nodes.regression.compare import Figures, Verdict
 STAGES = ("generate", "compile", "render", "reference", "compare")
 FIGURES_OWED = ("max_abs", "max_rel", "p999_rel", "rmse")
 """Null in the record of what was not compared; the other figures are left out."""
+
+
+Fault = Literal["", "disk", "memory", "worker", "time", "opengl", "change"]
+"""A full disk, no memory, a worker that was killed or died, one that took too long, an OpenGL that no longer draws, and
+a file that was changed during the run."""
+
+_ERRNO: Mapping[int, Fault] = {
+    errno.ENOSPC: "disk",
+    errno.EDQUOT: "disk",
+    errno.EIO: "disk",
+    errno.ENOMEM: "memory",
+    errno.EMFILE: "memory",
+    errno.ENFILE: "memory",
+}
+
+
+def fault_of(error: BaseException | None) -> Fault:
+    """What of the machine is behind an exception, or behind those that it was raised for."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        if isinstance(error, MemoryError):
+            return "memory"
+        if isinstance(error, OSError) and (error.errno or 0) in _ERRNO:
+            return _ERRNO[error.errno or 0]
+        error = error.__cause__ or error.__context__
+    return ""
 
 
 class Task(Protocol):
@@ -65,6 +93,8 @@ class Outcome:
     target: str = "glsl"
     message: str = ""
     """Why, where the verdict is error, skipped or undecided."""
+    fault: Fault = ""
+    """What of the machine was at fault, where an error says nothing of the case: it is run again by --resume."""
     truth: str = "physics"
     """What it was compared with: `physics` (the evaluator) or `baseline` (a stored image)."""
     figures: Figures | None = None
@@ -99,6 +129,7 @@ def outcome_of(task: Task, backend: str, verdict: Verdict, **others: Any) -> Out
 def as_record(outcome: Outcome) -> dict[str, Any]:
     """An outcome as JSON has it, in report.json and elsewhere; what is not finite becomes null."""
     compared = outcome.figures.as_dict() if outcome.figures else dict.fromkeys(FIGURES_OWED)
+    at_fault = {"fault": outcome.fault} if outcome.fault else {}
     record: dict[str, Any] = plain(
         {
             "name": outcome.name,
@@ -113,6 +144,7 @@ def as_record(outcome: Outcome) -> dict[str, Any]:
             "tolerance": outcome.tolerance,
             "seconds": outcome.seconds,
             "message": outcome.message,
+            **at_fault,
             "setup": outcome.setup,
             "files": outcome.files,
             "details": outcome.details,
@@ -134,8 +166,8 @@ def from_record(record: Mapping[str, Any]) -> Outcome:
             if told[each.name] is None and each.default is not None:
                 told[each.name] = np.inf
         figures = Figures(**told)
-    own = {each.name: record[each.name] for each in fields(Outcome) if each.name != "figures"}
-    return Outcome(**own, figures=figures)
+    own = {each.name: record[each.name] for each in fields(Outcome) if each.name not in ("figures", "fault")}
+    return Outcome(**own, figures=figures, fault=record.get("fault", ""))
 
 
 def plain(value: Any) -> Any:

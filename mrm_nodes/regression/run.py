@@ -103,6 +103,7 @@ def run_suite(
     time_limit: float = TIME_LIMIT,
     cache: Cache | None = None,
     resume: bool = False,
+    retry_errors: bool = False,
     cluster: Cluster | None = None,
     gallery: Callable[[Path], Sequence[Mapping[str, str]]] | None = None,
     on_partial: Callable[[Mapping[str, Any]], None] = lambda report: None,
@@ -121,7 +122,9 @@ def run_suite(
         shard: run part i of n of the tasks only; see `merge`.
         time_limit: seconds a case.
         cache: results of earlier runs, whose cases are not rendered again; new ones are added.
-        resume: go on from what an earlier run of the same suite left in the folder.
+        resume: go on from what an earlier run of the same suite left in the folder. Where the machine was at fault
+            (`Outcome.fault`), the case is run again.
+        retry_errors: the same, and run again what ended in any error.
         cluster: where to run instead of in processes of this machine; `jobs` is its own affair then.
         gallery: draws pictures into the folder, to be shown below the cases: title, caption and image of each.
         on_partial: called with what report.json holds where the run ends before its end.
@@ -140,10 +143,11 @@ def run_suite(
         versions()
         plan = plan_backends(backend, probing.result(), required_backends())
     with _ended_by_signals(), _writing(folder), journal.locked(folder), _scratch(folder) as scratch:
-        run = _Run(tasks, folder, plan, shard, cache, on_outcome)
+        run = _Run(tasks, folder, plan, shard, cache, on_outcome, elsewhere=cluster is not None)
         run.environment["jobs"] = jobs
+        resume = resume or retry_errors
         past = _past(folder, resume)
-        kept = run.still_holds(past) if resume and past.header else []
+        kept = run.still_holds(past, retry_errors) if resume and past.header else []
         seconds = {_name(each.record): sum(each.record["seconds"].values()) for each in past.entries}
         with run.recorded(kept, on_partial):
             run.take_from_cache()
@@ -183,8 +187,10 @@ class _Run:
         shard: tuple[int, int],
         cache: Cache | None,
         on_outcome: Callable[[Outcome, int, int], None],
+        elsewhere: bool = False,
     ) -> None:
         self._start = time.perf_counter()
+        self._elsewhere = elsewhere
         self._folder, self._plan, self._cache, self._on_outcome = folder, plan, cache, on_outcome
         self.inputs = Inputs()
         self._tasks = shard_of(tasks, shard)
@@ -206,8 +212,8 @@ class _Run:
             name, _ = Counter(task.name for task in tasks).most_common(1)[0]
             raise MrmError(f"two cases are called {name}; give each a name of its own")
 
-    def still_holds(self, past: journal.Past) -> list[journal.Entry]:
-        """The outcomes of an earlier run that this one need not come to again.
+    def still_holds(self, past: journal.Past, retry_errors: bool = False) -> list[journal.Entry]:
+        """The outcomes of an earlier run that this one need not come to again: verdicts, no faults of the machine.
 
         Warns (MrmWarning) of cases whose files were changed since; they are run again.
 
@@ -225,10 +231,11 @@ class _Run:
                 how = "is new" if name not in keys else "changed" if name in self._keys else "is gone"
                 raise MrmError(self._cannot_resume(f"the suite changed since: {name} {how}"))
         known = {_name(each.record): each for each in past.entries if _name(each.record) in self._keys}
-        intact = [entry for entry in known.values() if entry.is_intact(self._folder)]
-        if len(intact) < len(known):
+        final = [entry for entry in known.values() if not _is_tried_again(entry.record, retry_errors)]
+        intact = [entry for entry in final if entry.is_intact(self._folder)]
+        if len(intact) < len(final):
             warnings.warn(
-                f"{self._folder}: the files of {len(known) - len(intact)} cases were changed or removed; "
+                f"{self._folder}: the files of {len(final) - len(intact)} cases were changed or removed; "
                 "they are run again",
                 MrmWarning,
                 stacklevel=2,
@@ -303,8 +310,15 @@ class _Run:
         changed = self.inputs.changed(judged.task.files())
         if changed:
             outcome = outcome_of(
-                judged.task, outcome.backend, "error", message=f"{changed[0]}: changed during the run"
+                judged.task,
+                outcome.backend,
+                "error",
+                message=f"{changed[0]}: changed during the run",
+                fault="change",
             )
+        elif outcome.fault == "disk" and not self._elsewhere:
+            # What failed was removed, and left room for the next to fail.
+            raise MrmError(f"{outcome.name}: {outcome.message}; what is done is kept: go on with --resume")
         elif outcome.verdict == "error":
             self._check_room()
         sums = {} if changed else _publish(judged.folder, self._folder)
@@ -419,6 +433,11 @@ def describe_environment(plan: Plan) -> dict[str, Any]:
 def _name(record: Mapping[str, Any]) -> str:
     """What tells an outcome from the others of a run."""
     return f"{record['backend']} {record['name']}"
+
+
+def _is_tried_again(record: Mapping[str, Any], retry_errors: bool) -> bool:
+    """Whether an outcome is none to keep."""
+    return record["verdict"] == "error" and bool(retry_errors or record.get("fault"))
 
 
 def _past(folder: Path, resume: bool) -> journal.Past:

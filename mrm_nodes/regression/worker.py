@@ -14,7 +14,7 @@ from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.processes import end_with_parent
 from mrm_nodes.regression import cloud, image_case, inputs, material_case
 from mrm_nodes.regression.executors import Compiled, Compiling
-from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
+from mrm_nodes.regression.outcome import Outcome, Task, fault_of, outcome_of
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.context import get_context
 from mrm_nodes.shadergen import Shader
@@ -56,10 +56,11 @@ class Worker:
         try:
             JUDGES[task.kind](task, self._workshop, outcome, folder)
         except MrmError as error:
-            outcome.verdict, outcome.message = "error", str(error)
+            outcome.verdict, outcome.message, outcome.fault = "error", str(error), fault_of(error)
         except Exception as error:  # one broken case must not cost the others
             outcome.verdict, outcome.message = "error", f"{type(error).__name__}: {error}"
-            self.is_sound = not isinstance(error, MemoryError)
+            outcome.fault = fault_of(error)
+        self.is_sound = outcome.fault != "memory"
         if outcome.verdict in ("fail", "error"):
             # A context that is lost draws black without a word.
             self.is_sound = self.is_sound and self._workshop.still_draws()

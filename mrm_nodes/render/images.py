@@ -111,6 +111,8 @@ def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], e
         written = target.open(temporary, specification) and target.write_image(pixels)
         complaint = complaint_of(target.geterror)
         if not (target.close() and written):
+            # OpenImageIO says no more than that it failed; what it has written still takes its room.
+            _check_room(path.parent, pixels.nbytes)
             raise MrmError(
                 f"{path}: cannot be written: {_message(complaint or complaint_of(target.geterror))}"
             )
@@ -120,6 +122,12 @@ def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], e
         raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
     finally:
         Path(temporary).unlink(missing_ok=True)
+
+
+def _check_room(folder: Path, size: int) -> None:
+    """Raises OSError where a file of a size cannot be written."""
+    with tempfile.TemporaryFile(dir=folder) as file:
+        file.write(bytes(size))
 
 
 def _umask() -> int:

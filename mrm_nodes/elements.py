@@ -29,6 +29,9 @@ def find_renderable(document: mx.Document, where: str, element: str | None) -> m
             raise MrmError(f"{where}: {unknown('element', element, names)}")
         return found
     if not renderables:
+        # MaterialX passes over a material whose shader is not there.
+        for each in (*document.getMaterialNodes(), *document.getOutputs()):
+            check_document(document, where, each)
         raise MrmError(f"{where}: nothing to render: no material, shader or output")
     if len(renderables) > 1:
         raise MrmError(

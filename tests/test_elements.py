@@ -89,6 +89,18 @@ def test_an_unknown_node_that_is_used_is_named_with_three_near_names(tmp_path: P
     assert message.count(" or ") == 2 and len(message) < 300 + len(str(tmp_path))
 
 
+@pytest.mark.parametrize("shader", ["gone", "m"])
+def test_a_material_whose_shader_is_not_there_is_named(tmp_path: Path, shader: str):
+    end = surface()[surface().index("<surfacematerial") :].replace('nodename="s"', f'nodename="{shader}"')
+    assert f"m/surfaceshader: connected to {shader}, which does not exist" in fault_of(written(tmp_path, end))
+
+
+def test_an_output_of_nothing_is_named(tmp_path: Path):
+    assert "o: connected to gone" in fault_of(
+        written(tmp_path, '<output name="o" type="float" nodename="gone" />')
+    )
+
+
 def test_what_an_element_uses_is_each_thing_once(tmp_path: Path):
     chain = "".join(
         f'<add name="a{n}" type="float"><input name="in1" type="float" nodename="a{n + 1}" />'

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import statistics
@@ -81,8 +82,8 @@ def bench_shaders(
                         subject: _shader(node, subject, light, interface, film, "glsl")
                         for subject in SUBJECTS
                     }
-                    with context.ctx:
-                        times = _frame_times(context, shaders, light, size, rounds)
+                    work = functools.partial(_frame_times, context, shaders, light, size, rounds)
+                    times = context.run(work)
                     counts = (
                         {
                             subject: count

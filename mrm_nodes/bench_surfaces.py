@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -106,8 +107,8 @@ def bench_surfaces(
                         subject: _shader(library, surface, values, subject, light, interface)
                         for subject in SUBJECTS
                     }
-                    with context.ctx:
-                        times = _frame_times(context, shaders, light, size, rounds)
+                    work = functools.partial(_frame_times, context, shaders, light, size, rounds)
+                    times = context.run(work)
                     yield Row(node, which, light, interface, times)
 
 

@@ -205,8 +205,8 @@ def _driver(shader: Shader) -> list[str]:
     from mrm_nodes.render.context import get_context
 
     try:
-        with get_context("auto").ctx as context:
-            context.program(vertex_shader=shader.vertex, fragment_shader=shader.pixel).release()
+        gl = get_context("auto")
+        gl.run(lambda: gl.ctx.program(vertex_shader=shader.vertex, fragment_shader=shader.pixel).release())
     except Exception as error:  # moderngl raises its own type for every complaint of the driver
         return [line for line in str(error).splitlines() if "error" in line.lower()][:5] or [str(error)]
     return []

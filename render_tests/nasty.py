@@ -30,9 +30,16 @@ def _exhaust_memory(workshop):
     np.ones(1 << 50)
 
 
+def _make_nothing_current():
+    """As a driver leaves it that was reset: every call to OpenGL does nothing."""
+    egl = ctypes.CDLL("libEGL.so.1")
+    egl.eglGetCurrentDisplay.restype = ctypes.c_void_p
+    egl.eglMakeCurrent.argtypes = [ctypes.c_void_p] * 4
+    egl.eglMakeCurrent(egl.eglGetCurrentDisplay(), None, None, None)
+
+
 def _lose_context(workshop):
-    ctx = get_context(workshop.renderer.backend).ctx
-    ctx.release()
+    get_context(workshop.renderer.backend).run(_make_nothing_current)
     raise RuntimeError("the context is lost")
 
 

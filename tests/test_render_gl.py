@@ -659,8 +659,7 @@ def test_the_limits_are_known_whichever_context_is_current() -> None:
     program = """
         from mrm_nodes.render import Renderer, get_context
         backend = get_context("auto").backend
-        with get_context(backend).ctx:
-            pass
+        get_context(backend).run(lambda: None)
         print(Renderer(backend)._gl.ctx.info["GL_MAX_TEXTURE_SIZE"])
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)

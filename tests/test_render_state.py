@@ -171,25 +171,28 @@ def test_what_others_left_in_the_context_changes_nothing(backend, subjects):
     renderer = Renderer(backend)
     alone = {name: bits(draw(renderer)) for name, draw in subjects.items()}
     gl = renderer._gl
+
+    def spoil():
+        ctx = gl.ctx
+        bright = ctx.texture((2, 2), 4, np.ones(16, np.float32), dtype="f4")
+        for unit in range(ctx.max_texture_units):
+            bright.use(unit)
+        other = ctx.framebuffer([bright])
+        other.scissor = (0, 0, 1, 1)
+        other.use()
+        ctx.enable_only(ctx.BLEND | ctx.CULL_FACE)
+        ctx.blend_func = ctx.ONE, ctx.ONE
+        ctx.wireframe = True
+        ctx.front_face = "cw"
+        ctx.depth_func = ">"
+        ctx.point_size = 7.0
+        ctx.polygon_offset = 3.0, 3.0
+        return other, bright
+
     for name, draw in subjects.items():
-        with gl.ctx as ctx:
-            bright = ctx.texture((2, 2), 4, np.ones(16, np.float32), dtype="f4")
-            for unit in range(ctx.max_texture_units):
-                bright.use(unit)
-            other = ctx.framebuffer([bright])
-            other.scissor = (0, 0, 1, 1)
-            other.use()
-            ctx.enable_only(ctx.BLEND | ctx.CULL_FACE)
-            ctx.blend_func = ctx.ONE, ctx.ONE
-            ctx.wireframe = True
-            ctx.front_face = "cw"
-            ctx.depth_func = ">"
-            ctx.point_size = 7.0
-            ctx.polygon_offset = 3.0, 3.0
+        left = gl.run(spoil)
         assert bits(draw(renderer)) == alone[name], name
-        with gl.ctx:
-            other.release()
-            bright.release()
+        gl.run(lambda left=left: [item.release() for item in left])
 
 
 def test_a_changed_image_is_read_anew_although_its_times_are_the_same(backend, tmp_path):

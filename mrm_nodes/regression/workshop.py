@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import MaterialX as mx
+import moderngl
 import numpy as np
 
 from mrm_nodes.regression import material
@@ -43,16 +44,19 @@ class Workshop:
 
     def still_draws(self) -> bool:
         """Whether the context is there, and holds what is drawn with it."""
-        gray = (0.25, 0.5, 0.75, 1.0)
-        ctx = get_context(self.renderer.backend).ctx
+        gl = get_context(self.renderer.backend)
         try:
-            with ctx:
-                texture = ctx.texture((1, 1), 4, dtype="f4")
-                framebuffer = ctx.framebuffer([texture])
-                framebuffer.clear(*gray)
-                seen = np.frombuffer(framebuffer.read(components=4, dtype="f4"), np.float32)
-                framebuffer.release()
-                texture.release()
-                return tuple(seen) == gray and ctx.error not in ("GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST")
+            return gl.run(lambda: _holds_what_is_drawn(gl.ctx))
         except Exception:  # moderngl raises its own error and bare ones
             return False
+
+
+def _holds_what_is_drawn(ctx: moderngl.Context) -> bool:
+    gray = (0.25, 0.5, 0.75, 1.0)
+    texture = ctx.texture((1, 1), 4, dtype="f4")
+    framebuffer = ctx.framebuffer([texture])
+    framebuffer.clear(*gray)
+    seen = np.frombuffer(framebuffer.read(components=4, dtype="f4"), np.float32)
+    framebuffer.release()
+    texture.release()
+    return tuple(seen) == gray and ctx.error not in ("GL_OUT_OF_MEMORY", "GL_CONTEXT_LOST")

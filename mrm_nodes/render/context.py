@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import atexit
+import contextlib
+import contextvars
 import ctypes
 import ctypes.util
-import functools
 import json
 import os
+import queue
 import struct
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import moderngl
 
@@ -33,19 +37,121 @@ HINTS = {
 
 _PROBE_TIMEOUT_SECONDS = 60.0
 
+#: How long one draw may take, and how long a process that ends waits for the last one.
+_DRAW_SECONDS, _LAST_SECONDS = 1800.0, 5.0
 
-@dataclass(frozen=True)
+_GL_SYNC_GPU_COMMANDS_COMPLETE, _GL_SYNC_FLUSH_COMMANDS_BIT, _GL_TIMEOUT_EXPIRED = 0x9117, 1, 0x911B
+
+T = TypeVar("T")
+
+
 class GLContext:
-    """A headless OpenGL context: moderngl's view of it, and the loader of its functions."""
+    """A headless OpenGL context on a thread of its own: OpenGL is called there and nowhere else.
 
-    backend: str
-    ctx: moderngl.Context
-    load: Callable[[str], int]
+    A driver lets a context belong to one thread at a time. moderngl keeps Python's lock while it calls the driver,
+    and a software driver uses every core for one draw, so that a context for each thread would gain nothing.
+
+    Args:
+        backend: `egl` or `osmesa`.
+
+    Attributes:
+        ctx: moderngl's view of it, for what `run` does; its `info` and limits may be read anywhere.
+        load: the loader of its functions.
+
+    Raises:
+        Exception: whatever the layers below have to say.
+    """
+
+    def __init__(self, backend: str) -> None:
+        self.backend = backend
+        self._process = os.getpid()
+        self._jobs: queue.SimpleQueue[Callable[[], object] | None] = queue.SimpleQueue()
+        self._ended = ""
+        self._thread = threading.Thread(
+            target=_work, args=(self._jobs,), name=f"OpenGL {backend}", daemon=True
+        )
+        self._thread.start()
+        atexit.register(self._end)
+        try:
+            self.ctx, self.load = self.run(lambda: _create(backend))
+        except BaseException:
+            self._end()
+            raise
+
+    def run(self, work: Callable[[], T]) -> T:
+        """Do something with OpenGL on the context's thread, after what others have asked for, and wait for it.
+
+        Raises:
+            MrmError: this process is a fork of the context's, or is ending, or a former draw has never ended.
+        """
+        if os.getpid() != self._process:
+            raise MrmError(
+                "OpenGL does not outlive a fork, and the process that this one was forked from has used it; "
+                'start processes that render with multiprocessing.get_context("spawn")'
+            )
+        if threading.get_ident() == self._thread.ident:
+            return work()
+        done: Future[T] = Future()
+        surroundings = contextvars.copy_context()
+
+        def job() -> None:
+            try:
+                if self._ended:
+                    raise MrmError(self._ended)
+                done.set_result(surroundings.run(work))
+            except BaseException as error:  # the one who waits has it
+                done.set_exception(error)
+
+        if self._ended:
+            raise MrmError(self._ended)
+
+        self._jobs.put(job)
+        return done.result()
+
+    def post(self, work: Callable[[], object]) -> None:
+        """Have something done on the context's thread, some time: finalisers may call this, on any thread.
+
+        In another process than the context's, or where that is ending, nothing is left to do.
+        """
+        if os.getpid() == self._process and not self._ended:
+            self._jobs.put(work)
+
+    def _end(self) -> None:
+        if os.getpid() == self._process:
+            self._ended = self._ended or "this process is ending: it renders nothing more"
+            self._jobs.put(None)
+            self._thread.join(_LAST_SECONDS)
+
+    def wait(self) -> None:
+        """Wait until everything is drawn; threads that do not need OpenGL go on meanwhile.
+
+        Raises:
+            MrmError: that takes longer than `MRM_DRAW_SECONDS`, or half an hour. The driver may be at it for ever,
+                so that this context draws nothing more.
+        """
+        seconds = float(os.environ.get("MRM_DRAW_SECONDS") or _DRAW_SECONDS)
+        fence = self._function("glFenceSync", ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint)(
+            _GL_SYNC_GPU_COMMANDS_COMPLETE, 0
+        )
+        client_wait = self._function(
+            "glClientWaitSync", ctypes.c_uint, ctypes.c_void_p, ctypes.c_uint, ctypes.c_uint64
+        )
+        if client_wait(fence, _GL_SYNC_FLUSH_COMMANDS_BIT, int(seconds * 1e9)) == _GL_TIMEOUT_EXPIRED:
+            self._ended = (
+                f"the driver has not finished a draw within {seconds:g} s: a loop in the shader may never end; "
+                "this process renders nothing more (MRM_DRAW_SECONDS sets the limit)"
+            )
+            _leave_without_farewell()
+            raise MrmError(self._ended)
+        self._function("glDeleteSync", None, ctypes.c_void_p)(fence)
 
     def call(self, function: str, *arguments: Any) -> None:
         """Call a GL function that moderngl does not wrap, with integers and ctypes arrays."""
         types = [ctypes.c_void_p if isinstance(a, ctypes.Array) else ctypes.c_int for a in arguments]
-        ctypes.CFUNCTYPE(None, *types)(self.load(function))(*arguments)
+        self._function(function, None, *types)(*arguments)
+
+    def _function(self, name: str, result: Any, *arguments: Any) -> Callable[..., Any]:
+        return ctypes.CFUNCTYPE(result, *arguments)(self.load(name))
 
     @property
     def upload_unit(self) -> int:
@@ -68,6 +174,22 @@ class GLContext:
     def renderer(self) -> str:
         """Name of the GPU or of the software driver."""
         return str(self.ctx.info["GL_RENDERER"])
+
+
+def _leave_without_farewell() -> None:
+    """Have this process end without the driver's last rites: OSMesa's wait for every draw."""
+    with contextlib.suppress(AttributeError):  # the GNU C library has it, with the status as first argument
+        library = ctypes.CDLL(None)
+        library.on_exit(ctypes.cast(library._exit, ctypes.c_void_p), None)
+
+
+def _work(jobs: queue.SimpleQueue[Callable[[], object] | None]) -> None:
+    """What a context's thread does: a job at a time, until there is None."""
+    for job in iter(jobs.get, None):
+        # Nobody waits for what was posted; the others keep what they raise.
+        with contextlib.suppress(Exception):
+            job()
+        del job  # what it holds is not kept until the next one comes
 
 
 @dataclass(frozen=True)
@@ -174,7 +296,7 @@ def _create_egl() -> Any:
     raise OSError("; ".join(dict.fromkeys(errors)) or "EGL lists no device")
 
 
-def _create(backend: str) -> GLContext:
+def _create(backend: str) -> tuple[moderngl.Context, Callable[[str], int]]:
     native: Any = _OSMesaContext() if backend == "osmesa" else _create_egl()
     ctx = moderngl.create_context(context=native, require=MINIMUM_VERSION)
     # Objects are released explicitly: a finaliser could run while another context is current.
@@ -182,16 +304,31 @@ def _create(backend: str) -> GLContext:
     # moderngl reads the limits when first asked, from whichever context is current then: ask now, while this one is.
     if not ctx.info["GL_MAX_TEXTURE_SIZE"]:
         raise OSError("the driver tells no limits")
-    return GLContext(backend, ctx, native.load)
+    return ctx, native.load
 
 
-@functools.cache
+_contexts: dict[str, GLContext | str] = {}
+_creation = threading.Lock()
+
+
+def _renew_lock() -> None:
+    """In a forked child no thread is left that could open the lock."""
+    global _creation
+    _creation = threading.Lock()
+
+
+os.register_at_fork(after_in_child=_renew_lock)
+
+
 def _cached(backend: str) -> GLContext | str:
     """Return the context of one backend, or why there is none: a failure is not tried again."""
-    try:
-        return _create(backend)
-    except Exception as error:  # every layer below has exceptions of its own
-        return " ".join(str(error).split()) or type(error).__name__
+    with _creation:
+        if backend not in _contexts:
+            try:
+                _contexts[backend] = GLContext(backend)
+            except Exception as error:  # every layer below has exceptions of its own
+                _contexts[backend] = " ".join(str(error).split()) or type(error).__name__
+        return _contexts[backend]
 
 
 def get_context(backend: str = "auto") -> GLContext:
@@ -262,7 +399,7 @@ def _probe_here(backend: str) -> None:
         report = BackendReport(backend, False, reason=found, hint=HINTS[backend])
     else:
         info = found.ctx.info
-        works = _draws_one_pixel(found.ctx)
+        works = found.run(lambda: _draws_one_pixel(found.ctx))
         report = BackendReport(
             backend,
             works,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Generic, TypeVar
 
 K = TypeVar("K")
@@ -26,3 +26,11 @@ class Recent(Generic[K, V]):
             self._values[key] = made
         self._values.move_to_end(key)
         return self._values[key]
+
+    def __iter__(self) -> Iterator[V]:
+        return iter(self._values.values())
+
+    def clear(self) -> None:
+        """Release every value."""
+        while self._values:
+            self._release(self._values.popitem()[1])

@@ -8,9 +8,10 @@ import os
 import re
 import time
 import warnings
-from collections.abc import Mapping, Sequence
+import weakref
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import MaterialX as mx
 import moderngl
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.checks import CHECK_VARIABLE, check_draw
-from mrm_nodes.render.context import get_context
+from mrm_nodes.render.context import GLContext, get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
 from mrm_nodes.render.gbuffer import BITANGENT_SIGN, TARGETS, Stages, mesh_stages, point_stages, sheet_stages
 from mrm_nodes.render.mesh import Mesh
@@ -31,6 +32,7 @@ from mrm_nodes.render.uniforms import Uniform, uniforms_of
 from mrm_nodes.shadergen import Shader, generate_shader
 
 Floats = NDArray[np.float32]
+T = TypeVar("T")
 
 #: Points of one draw; more are drawn in turns, so that memory stays modest.
 POINTS_PER_DRAW = 1 << 20
@@ -113,6 +115,8 @@ class _Target:
         return np.ascontiguousarray(pixels[..., :3]), np.ascontiguousarray(pixels[..., 3])
 
     def release(self) -> None:
+        # moderngl binds again and again what is bound, although it may be gone.
+        self.framebuffer.ctx.screen.use()
         _release(self.framebuffer, *self.colors, self.depth)
 
 
@@ -121,32 +125,77 @@ def _release(*items: Any) -> None:
         item.release()
 
 
+class _Kept:
+    """What a renderer keeps on the GPU between calls; without a way back to the renderer, which it outlives."""
+
+    def __init__(self, gl: GLContext) -> None:
+        self.numbers = itertools.count()
+        self.programs: Recent[Stages, _Program] = Recent(_KEPT_PROGRAMS, self._release_program)
+        self.meshes: Recent[int, _MeshBuffers] = Recent(_KEPT_MESHES, _MeshBuffers.release)
+        self.targets: Recent[tuple[str, int, int, int], _Target] = Recent(_KEPT_TARGETS, _Target.release)
+        self.environments: Recent[int, EnvironmentTextures] = Recent(
+            _KEPT_ENVIRONMENTS, EnvironmentTextures.release
+        )
+        self.textures = TextureCache(gl)
+        self.black = gl.ctx.texture((1, 1), 4, np.zeros(4, np.float32), dtype="f4")
+
+    def _release_program(self, program: _Program) -> None:
+        for mesh in self.meshes:
+            _release(*filter(None, [mesh.arrays.pop(program.number, None)]))
+        program.program.release()
+
+    def release(self) -> None:
+        for kept in (self.meshes, self.programs, self.targets, self.environments):
+            kept.clear()
+        _release(self.textures, self.black)
+
+
 class Renderer:
     """Renders on one backend; programs, meshes and images stay on the GPU between calls.
 
-    All renderers of a process share one context per backend. Use them from one thread.
+    All renderers of a process share one context per backend, and any thread may use them: they draw one after the
+    other. `close`, the end of a `with` block or being collected gives the memory back.
 
     Args:
         backend: `egl`, `osmesa`, or `auto` for the first of them that works.
 
     Raises:
-        MrmError: an unknown backend, or no OpenGL there.
+        MrmError: an unknown backend, or no OpenGL there; a process that was forked from one which has rendered.
     """
 
     def __init__(self, backend: str = "auto") -> None:
         self._gl = get_context(backend)
         self.backend = self._gl.backend
         self.device = self._gl.renderer
-        self._numbers = itertools.count()
-        self._programs: Recent[Stages, _Program] = Recent(_KEPT_PROGRAMS, lambda p: p.program.release())
-        self._meshes: Recent[int, _MeshBuffers] = Recent(_KEPT_MESHES, _MeshBuffers.release)
-        self._targets: Recent[tuple[str, int, int, int], _Target] = Recent(_KEPT_TARGETS, _Target.release)
-        self._environments: Recent[int, EnvironmentTextures] = Recent(
-            _KEPT_ENVIRONMENTS, EnvironmentTextures.release
-        )
-        self._textures = TextureCache(self._gl)
-        with self._gl.ctx as ctx:
-            self._black = ctx.texture((1, 1), 4, np.zeros(4, np.float32), dtype="f4")
+        self._kept = self._gl.run(lambda: _Kept(self._gl))
+        self._finalizer = weakref.finalize(self, self._gl.post, self._kept.release)
+        # When the process ends, so does its context.
+        self._finalizer.atexit = False
+
+    def close(self) -> None:
+        """Free the GPU's memory; this renderer draws nothing more. A second time it does nothing."""
+        self._finalizer()
+
+    @property
+    def closed(self) -> bool:
+        """Whether `close` was called."""
+        return not self._finalizer.alive
+
+    def __enter__(self) -> Renderer:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
+    def _run(self, work: Callable[[], T]) -> T:
+        """Do something on the context's thread, where `close` may have come first."""
+
+        def unless_closed() -> T:
+            if self.closed:
+                raise MrmError("this renderer was closed: make another one")
+            return work()
+
+        return self._gl.run(unless_closed)
 
     def render(
         self,
@@ -180,7 +229,8 @@ class Renderer:
         near, far = camera.clip_distances(mesh.center, mesh.radius)
         view_projection = camera.projection_matrix(aspect, near, far) @ camera.view_matrix()
         values = uniforms_of(shader, uniforms)
-        with self._gl.ctx:
+
+        def draw() -> RenderedImage:
             started = time.perf_counter()
             program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
             if mesh.colors is None and "i_color_0" in program.attributes:
@@ -193,7 +243,6 @@ class Renderer:
                 # Drivers compile the second half of a program when it first draws.
                 target = self._begin((width, height), depth_test=True)
                 self._draw(program, array, target, textures, moderngl.TRIANGLES, 3)
-                self._gl.ctx.finish()
             compiled = time.perf_counter()
             target = self._begin((width, height), depth_test=True)
             self._draw(program, array, target, textures, moderngl.TRIANGLES)
@@ -201,18 +250,20 @@ class Renderer:
                 target.read_split, range(TARGETS)
             )
             finished = time.perf_counter()
-        return RenderedImage(
-            image=image,
-            position=position,
-            normal=normal,
-            tangent=tangent,
-            texcoord=np.stack([u, v], axis=-1),
-            mask=covered > 0.5,
-            camera=camera,
-            backend=self.backend,
-            device=self.device,
-            seconds={"compile": compiled - started if is_new else 0.0, "render": finished - compiled},
-        )
+            return RenderedImage(
+                image=image,
+                position=position,
+                normal=normal,
+                tangent=tangent,
+                texcoord=np.stack([u, v], axis=-1),
+                mask=covered > 0.5,
+                camera=camera,
+                backend=self.backend,
+                device=self.device,
+                seconds={"compile": compiled - started if is_new else 0.0, "render": finished - compiled},
+            )
+
+        return self._run(draw)
 
     def draw_points(
         self,
@@ -252,7 +303,8 @@ class Renderer:
         values = uniforms_of(shader, uniforms)
         names = ("image", "position", "normal", "tangent")
         results = {name: np.empty((count, 3), np.float32) for name in names}
-        with self._gl.ctx:
+
+        def draw() -> None:
             # Images are read at the level of detail of single points, which one triangle does not have.
             reads_images = any(value.type == "filename" and value.value for value in values.values())
             stages = None if reads_images else sheet_stages(shader.vertex, shader.pixel)
@@ -272,6 +324,8 @@ class Renderer:
                 target = self._draw_chunk(programs, textures, chunk, end - start)
                 for index, result in enumerate(results.values()):
                     result[start:end] = target.read(index).reshape(-1, 4)[: end - start, :3]
+
+        self._run(draw)
         return results
 
     def _draw_chunk(
@@ -358,7 +412,7 @@ class Renderer:
             }
             samplers = tuple(name for name, member in uniforms.items() if member.gl_type == _GL_SAMPLER_2D)
             return _Program(
-                next(self._numbers),
+                next(self._kept.numbers),
                 program,
                 {name: member for name, member in uniforms.items() if name not in samplers},
                 samplers,
@@ -370,7 +424,7 @@ class Renderer:
                 stages.sheets,
             )
 
-        return self._programs.get(stages, link), is_new
+        return self._kept.programs.get(stages, link), is_new
 
     def _upload(
         self,
@@ -403,9 +457,9 @@ class Renderer:
         for index, light in enumerate(lights):
             own |= {f"u_lightData[{index}].{name}": value for name, value in light.data(camera).items()}
 
-        textures = dict.fromkeys(program.samplers, self._black)
+        textures = dict.fromkeys(program.samplers, self._kept.black)
         if environment is not None:
-            around = self._environments.get(
+            around = self._kept.environments.get(
                 id(environment), lambda: EnvironmentTextures.upload(self._gl, environment)
             )
             own |= around.uniforms()
@@ -448,7 +502,7 @@ class Renderer:
             top_row_first=re.search(r"1\.0 - uv\.y", shader.pixel) is not None,
         )
         path = values[name].path or name
-        return self._textures.texture(find_image(values[name].value, shader.search_path, path), sampling)
+        return self._kept.textures.texture(find_image(values[name].value, shader.search_path, path), sampling)
 
     def _begin(
         self, size: tuple[int, int], colors: int = TARGETS, *, role: str = "image", depth_test: bool = False
@@ -462,7 +516,7 @@ class Renderer:
             return _Target(textures, depth, ctx.framebuffer(textures, depth))
 
         # The image is drawn from the sheets: they never share a framebuffer.
-        target = self._targets.get((role, *size, colors), make)
+        target = self._kept.targets.get((role, *size, colors), make)
         target.framebuffer.use()
         target.framebuffer.clear()
         # Back faces are shaded, nothing is blended.
@@ -488,9 +542,10 @@ class Renderer:
         if os.environ.get(CHECK_VARIABLE):
             check_draw(self._gl, program.program, target.framebuffer, textures)
         array.render(mode, vertices=vertices)
+        self._gl.wait()
 
     def _vertex_array(self, program: _Program, mesh: Mesh, shader: Shader) -> moderngl.VertexArray:
-        kept = self._meshes.get(id(mesh), lambda: self._mesh_buffers(mesh))
+        kept = self._kept.meshes.get(id(mesh), lambda: self._mesh_buffers(mesh))
         if program.number not in kept.arrays:
             content = []
             for name, width in program.attributes.items():
@@ -592,6 +647,10 @@ def render(
 ) -> RenderedImage:
     """Render a material on a mesh; without a light and an environment the image is black.
 
+    Any thread may call it: OpenGL draws on a thread of its own, one image after the other, and every image is the
+    one that it would be alone. A process that was forked from one which has rendered is refused: start such
+    processes with `multiprocessing.get_context("spawn")`.
+
     Args:
         material: a .mtlx file, a MaterialX document, or a shader generated for GLSL.
         mesh: `sphere`, `plane`, `baluster`, an .obj, .gltf or .glb file, or a Mesh.
@@ -604,17 +663,17 @@ def render(
 
     Raises:
         MrmError: any of these is unreadable, unknown, out of range or NaN; the shader does not compile; there
-            is no OpenGL.
+            is no OpenGL; a draw takes longer than half an hour (`MRM_DRAW_SECONDS`); a forked process.
     """
+    # A forked child must hear of it before it touches anything that has threads of its own.
+    renderer = shared_renderer(backend)
     listed = [lights] if isinstance(lights, str | Light) else lights
     parsed_lights = [parse_light(light) if isinstance(light, str) else light for light in listed]
     parsed_camera = parse_camera(camera) if isinstance(camera, str) else camera
     loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
     shader = material if isinstance(material, Shader) else generate_shader(material)
     around = environment if isinstance(environment, Environment | None) else find_environment(environment)
-    return shared_renderer(backend).render(
-        shader, loaded, parsed_camera, parsed_lights, size, uniforms, around
-    )
+    return renderer.render(shader, loaded, parsed_camera, parsed_lights, size, uniforms, around)
 
 
 _RENDERERS: dict[str, Renderer] = {}
@@ -626,7 +685,12 @@ def shared_renderer(backend: str = "auto") -> Renderer:
     Raises:
         MrmError: an unknown backend, or no OpenGL there.
     """
-    name = get_context(backend).backend
-    if name not in _RENDERERS:
-        _RENDERERS[name] = Renderer(name)
-    return _RENDERERS[name]
+    gl = get_context(backend)
+
+    def shared() -> Renderer:
+        # On the context's thread one comes after the other.
+        if gl.backend not in _RENDERERS or _RENDERERS[gl.backend].closed:
+            _RENDERERS[gl.backend] = Renderer(gl.backend)
+        return _RENDERERS[gl.backend]
+
+    return gl.run(shared)

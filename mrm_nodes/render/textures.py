@@ -76,6 +76,10 @@ class TextureCache:
         key = (str(file.resolve()), digest, sampling)
         return self._textures.get(key, lambda: self._upload(file, sampling))
 
+    def release(self) -> None:
+        """Free the GPU's memory."""
+        self._textures.clear()
+
     def _upload(self, file: Path, sampling: Sampling) -> moderngl.Texture:
         pixels = read_pixels(file)[:, :, :4]
         if pixels.dtype.name not in _KEPT_FORMATS:

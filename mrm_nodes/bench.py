@@ -10,6 +10,7 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from mrm_nodes.library import shared_library
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.render.context import GLContext, get_context
 from mrm_nodes.render.environment import EnvironmentTextures, studio
+from mrm_nodes.render.renderer import render
 from mrm_nodes.shadergen import Shader, generate_shader
 
 #: What is measured: MaterialX's forward node, its mix of both lobes, and ours at three weights.
@@ -243,6 +245,36 @@ def spirv_instructions(shader: Shader) -> int | None:
         count += inside
         place += length
     return count
+
+
+def bench_threads(
+    backend: str = "auto", size: int = 128, count: int = 40, rounds: int = 5
+) -> dict[int, list[float]]:
+    """Return the seconds of each round for `count` renders of one material from one thread, and from four.
+
+    The shader is generated anew for each, as `render` does with a file; the rounds take turns.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        material = Path(folder, "material.mtlx")
+        document = mx.createDocument()
+        document.setDataLibrary(shared_library())
+        surface = document.addNode("mrm_standard_surface", "surface", "surfaceshader")
+        node = document.addNode("surfacematerial", "material", "material")
+        node.addInput("surfaceshader", "surfaceshader").setConnectedNode(surface)
+        mx.writeToXmlFile(document, str(material))
+
+        def draw(_: int) -> None:
+            render(material, lights=["camera"], size=(size, size), backend=backend)
+
+        draw(0)
+        seconds: dict[int, list[float]] = {1: [], 4: []}
+        for _ in range(rounds):
+            for threads, taken in seconds.items():
+                with ThreadPoolExecutor(threads) as pool:
+                    start = time.perf_counter()
+                    list(pool.map(draw, range(count)))
+                    taken.append(time.perf_counter() - start)
+    return seconds
 
 
 def describe_machine(backend: str = "auto") -> dict[str, str]:

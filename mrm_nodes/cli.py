@@ -397,6 +397,22 @@ def shader(backend: str, size: int, rounds: int, surfaces: bool, output: Path | 
 
 
 @bench.command()
+@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+@click.option("--size", type=click.IntRange(1, 4096), default=128, show_default=True, help="Pixels a side.")
+@click.option("--count", type=click.IntRange(1), default=40, show_default=True, help="Renders a round.")
+@click.option("--rounds", type=click.IntRange(1), default=5, show_default=True, help="Of each, in turns.")
+def threads(backend: str, size: int, count: int, rounds: int) -> None:
+    """Time renders from four threads beside the same from one."""
+    from statistics import median
+
+    from mrm_nodes.bench import bench_threads
+
+    one, four = (median(seconds) for seconds in bench_threads(backend, size, count, rounds).values())
+    click.echo(f"{count} renders at {size} x {size}: {one:.2f} s from one thread, {four:.2f} s from four")
+    click.echo(f"four threads take {four / one:.2f} of the time of one")
+
+
+@bench.command()
 @click.option(
     "--count", type=click.IntRange(1), default=1 << 20, show_default=True, help="Evaluations a call."
 )

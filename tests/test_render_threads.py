@@ -6,13 +6,16 @@ Each test is a process of its own with a time limit, so that a hang is a failure
 import ctypes
 import gc
 import os
+import re
 import subprocess
 import sys
 import textwrap
 import threading
 
 import pytest
+from click.testing import CliRunner
 
+from mrm_nodes.cli import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import BACKENDS, CameraLight, Renderer, plane, shared_renderer
 from mrm_nodes.shadergen import generate_shader, read_document
@@ -195,6 +198,13 @@ def test_a_draw_that_never_ends_is_told_and_the_process_ends(python):
     assert len(told) == 2
     for line in told:
         assert "the driver has not finished a draw within 2 s: a loop in the shader may never end" in line
+
+
+def test_the_bench_tells_four_threads_from_one(backend):
+    arguments = ["bench", "threads", "--backend", backend, "--size", "8", "--count", "4", "--rounds", "1"]
+    done = CliRunner().invoke(cli, arguments)
+    assert done.exit_code == 0, done.output
+    assert re.search(r"^four threads take \d+\.\d\d of the time of one$", done.output, re.MULTILINE)
 
 
 LAMBERT = """<?xml version="1.0"?><materialx version="1.39">

@@ -90,7 +90,7 @@ class _Reading:
     """
 
     def __init__(self, file: Path, allow_external: bool, content: bytes | None = None) -> None:
-        self._folder = file.resolve().parent
+        self._folder = filenames.folder_of(file)
         self._allow_external = allow_external
         self._until = time.monotonic() + LONGEST
         self._bytes = self._elements = 0

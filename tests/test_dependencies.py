@@ -182,6 +182,42 @@ def test_a_value_that_a_suite_or_a_test_sets_names_files_too(folder: Path):
     assert folder / "tex/worn.png" not in shown.case.files()
 
 
+def test_a_suite_s_own_names_may_have_backslashes_and_mean_the_same_files(folder: Path):
+    before = state(folder)
+    for name in ("m.mtlx", "ball.obj", "sky.hdr", "mask.png"):
+        (folder / "set").mkdir(exist_ok=True)
+        (folder / "set" / name).write_bytes((folder / name).read_bytes())
+    text = SUITE
+    for name in ("ball.obj", "sky.hdr", "mask.png"):
+        text = text.replace(f'"{name}"', f"'set\\{name}'")
+    keys = set()
+    for written in (text, text.replace("\\", "/")):
+        (folder / "suite.toml").write_text(written)
+        files = {path.relative_to(folder).as_posix() for path in case_of(folder).files()}
+        assert {"set/ball.obj", "set/sky.hdr", "set/mask.png"} <= files
+        keys.add(state(folder))
+    assert len(keys) == 1
+    assert before not in keys
+
+
+def test_a_document_that_is_a_link_reads_what_lies_beside_the_link(tmp_path: Path):
+    """As MaterialX does, which knows the name only."""
+    for place, contents in (("store", "stored"), ("job", "own")):
+        (tmp_path / place).mkdir()
+        (tmp_path / place / "own.glsl").write_text(
+            f"// {contents}\nvoid noise(float i, out float o) {{ o = i; }}\n"
+        )
+        (tmp_path / place / "part.mtlx").write_text(GRAPH.replace("glsl\\noise.glsl", "own.glsl"))
+    top = '<materialx version="1.39"><xi:include href="part.mtlx" />'
+    body = '<noise_of_ours name="n" type="float" /><output name="o" type="float" nodename="n" /></materialx>'
+    (tmp_path / "store" / "m.mtlx").write_text(top + body)
+    (tmp_path / "job" / "m.mtlx").symlink_to(tmp_path / "store" / "m.mtlx")
+    document = tmp_path / "job" / "m.mtlx"
+    assert "// own" in generate_shader(document).pixel
+    files = documents.files_of(document, documents.read_document(document))
+    assert files == [tmp_path / "job" / name for name in ("m.mtlx", "part.mtlx", "own.glsl")]
+
+
 SECRET = "not for a document above this folder"
 WAYS = {
     "above": "../secret.txt",

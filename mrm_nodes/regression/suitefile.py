@@ -188,7 +188,7 @@ class _Maker:
 
     def _materials(self, here: tuple[str | int, ...], table: CaseTable) -> Iterator[tuple[str, str]]:
         """The files that a case names, relative to the suite's folder, and what they are called in names."""
-        for pattern in table.material:
+        for pattern in map(filenames.with_slashes, table.material):
             try:
                 found = [
                     name
@@ -414,18 +414,24 @@ class _Maker:
         return fields
 
     def _file(self, name: str) -> str:
-        if not filenames.is_file(self._folder / name):
-            raise MrmError(f"no file {name} beside the suite")
-        return self._beside(name)
+        """The name of a file beside the suite, written as on this system."""
+        file = filenames.with_slashes(name)
+        if not filenames.is_file(self._folder / file):
+            why = filenames.absence(name, [self._folder])
+            raise MrmError(f"no file {name} beside the suite: {why}")
+        return self._beside(file)
 
     def _mesh(self, name: str) -> str:
         file = self._table.meshes.get(name, name)
         if file in BUILT_IN:
             return file
-        if filenames.is_file(self._folder / file) and Path(file).suffix.lower() in MESH_SUFFIXES:
-            return self._beside(file)
+        if filenames.is_file(self._folder / filenames.with_slashes(file)):
+            if Path(file).suffix.lower() in MESH_SUFFIXES:
+                return self._file(file)
+            raise MrmError(f"{file} is no mesh file ({', '.join(MESH_SUFFIXES)})")
         if name in self._table.meshes or Path(name).suffix:
-            raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite")
+            why = filenames.absence(file, [self._folder])
+            raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite: {why}")
         raise MrmError(f"unknown mesh {name}; {suggestion(name, [*BUILT_IN, *self._table.meshes])}")
 
     def _camera(self, name: str) -> Camera | Framing:
@@ -446,18 +452,20 @@ class _Maker:
 
     def _environment(self, name: str) -> EnvironmentMap:
         table = self._table.environments.get(name) or EnvironmentTable(map=name)
-        if table.map not in BUILT_IN_ENVIRONMENTS and not filenames.is_file(self._folder / table.map):
+        file = filenames.with_slashes(table.map)
+        if table.map not in BUILT_IN_ENVIRONMENTS and not filenames.is_file(self._folder / file):
             known = [*BUILT_IN_ENVIRONMENTS, *self._table.environments]
-            raise MrmError(
-                f"no environment {table.map}: not a file beside the suite; {suggestion(name, known)}"
+            hint = (
+                suggestion(name, known) if not Path(file).suffix else filenames.absence(file, [self._folder])
             )
+            raise MrmError(f"no environment {table.map}: not a file beside the suite; {hint}")
         options = {
             key: getattr(table, key)
             for key in ("rotation", "intensity", "samples")
             if getattr(table, key) is not None
         }
         built_in = table.map in BUILT_IN_ENVIRONMENTS
-        return EnvironmentMap(table.map if built_in else self._beside(table.map), tuple(options.items()))
+        return EnvironmentMap(file if built_in else self._beside(file), tuple(options.items()))
 
     def _tolerance(self, name: str) -> Tolerance:
         if name not in self._table.tolerances:

@@ -364,7 +364,7 @@ def _filenames(document: mx.Document) -> list[mx.Input]:
 
 def _check_textures(document: mx.Document, source: Path) -> None:
     """Check that every image that the document names is there."""
-    folders = [source.resolve().parent, *filenames.search_folders()]
+    folders = filenames.image_folders(filenames.folder_of(source))
     for port in _filenames(document):
         name = filenames.resolved(port)
         if not filenames.find(name, folders).all():

@@ -737,8 +737,8 @@ class _Images:
 
     def add(self, file: str, original: Json | None, where: str) -> Json:
         """Return a textureInfo that shows `file`, otherwise as the original one."""
-        path = self.source / file
-        if not path.is_file():
+        path = self.source / filenames.with_slashes(file)
+        if not filenames.is_file(path):
             raise MrmError(f"{where}: there is no texture {path}")
         image = {"uri": urllib.parse.quote(_relative(path, self.target))}
         texture: Json = {"source": self._index("images", image)}

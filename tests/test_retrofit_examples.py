@@ -56,8 +56,10 @@ def example(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
         if not filenames.find(name, folders).all():
             file = path.parent / name.replace(filenames.UDIM, "1001").replace(filenames.UVTILE, "u1_v1")
             file.parent.mkdir(parents=True, exist_ok=True)
-            # Each a different grey.
-            write_png(file.with_suffix(".png"), np.full((4, 4, 3), 0.2 + count % 7 / 10, np.float32))
+            # Each a different grey; of normals the one that bends none, 0.5 encoded.
+            grey = 0.2 + count % 7 / 10
+            color = (0.2140, 0.2140, 1.0) if "normal" in name.lower() else (grey, grey, grey)
+            write_png(file.with_suffix(".png"), np.full((4, 4, 3), color, np.float32))
             file.with_suffix(".png").rename(file)
     return path
 

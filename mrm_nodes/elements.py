@@ -14,6 +14,9 @@ from mrm_nodes import library
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
 from mrm_nodes.surfaces.substitution import twin_with
 
+_SHOWN = 20
+"""Names of elements that an error lists."""
+
 
 def find_renderable(document: mx.Document, where: str, element: str | None) -> mx.Element:
     """Return the element to generate: the one named, or the only one that can be rendered.
@@ -34,8 +37,10 @@ def find_renderable(document: mx.Document, where: str, element: str | None) -> m
             check_document(document, where, each)
         raise MrmError(f"{where}: nothing to render: no material, shader or output")
     if len(renderables) > 1:
+        more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
         raise MrmError(
-            f"{where}: several elements can be rendered; name one with --element: {', '.join(names)}"
+            f"{where}: several elements can be rendered; name one with --element: "
+            f"{', '.join(names[:_SHOWN])}{more}"
         )
     return renderables[0]
 

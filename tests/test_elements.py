@@ -12,6 +12,7 @@ from mrm_nodes import cycles, library
 from mrm_nodes.documents import parse_document, read_document
 from mrm_nodes.elements import find_renderable, used_by
 from mrm_nodes.errors import MrmError
+from mrm_nodes.regression.suitefile import load
 from mrm_nodes.shadergen import generate_shader, supported_targets
 
 PRIVATE = (
@@ -93,6 +94,25 @@ def test_an_unknown_node_that_is_used_is_named_with_three_near_names(tmp_path: P
 def test_a_material_whose_shader_is_not_there_is_named(tmp_path: Path, shader: str):
     end = surface()[surface().index("<surfacematerial") :].replace('nodename="s"', f'nodename="{shader}"')
     assert f"m/surfaceshader: connected to {shader}, which does not exist" in fault_of(written(tmp_path, end))
+
+
+def test_of_very_many_elements_some_are_listed(tmp_path: Path):
+    many = "".join(surface(name=f"s{n}", material=f"m{n}") for n in range(50))
+    message = fault_of(written(tmp_path, many))
+    assert "m0, m1" in message and message.endswith("m19 and 30 more")
+
+
+def test_what_makes_a_node_for_another_target_may_be_unknown(tmp_path: Path):
+    nodes = (
+        f'{OWN_NODE}<nodegraph name="NG_own_osl" nodedef="ND_own" target="genosl">{PRIVATE}'
+        '<output name="out" type="color3" nodename="x" /></nodegraph>'
+        '<nodegraph name="NG_own" nodedef="ND_own"><constant name="c" type="color3" />'
+        '<output name="out" type="color3" nodename="c" /></nodegraph><own name="o" type="color3" />'
+    )
+    file = written(tmp_path, nodes, surface(USED.format('nodename="o"')))
+    assert generate_shader(file).pixel
+    assert not load(tmp_path).cases[0].broken
+    assert "unknown node houdini_private_node" in fault_of(file, target="osl")
 
 
 def test_an_output_of_nothing_is_named(tmp_path: Path):

@@ -526,7 +526,7 @@ class _Maker:
         document = None if wrong else self._document(material)
         try:
             if document is not None:
-                elements.check_document(document, material, elements.descendant(document, element))
+                elements.check_document(document, material, elements.descendant(document, element), "genglsl")
         except MrmError as error:
             return str(error)
         return wrong

@@ -92,7 +92,12 @@ def warmup() -> None:
 
     with terminal.progress() as shown:
         count = warm_up(lambda name, done, total: shown.compiled(done, total))
-    click.echo(f"{f'{count} loops compiled' if count else 'nothing to compile'}: they are kept in {folder()}")
+    place = folder()
+    if place is None:
+        raise MrmError(
+            "what is compiled can be kept nowhere; set NUMBA_CACHE_DIR to a folder that can be written"
+        )
+    click.echo(f"{f'{count} loops compiled' if count else 'nothing to compile'}: they are kept in {place}")
 
 
 cli.add_command(baseline)

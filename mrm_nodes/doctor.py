@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
-from mrm_nodes import compilers, library, limits
+from mrm_nodes import cachefolder, compilers, library, limits
 from mrm_nodes.errors import MrmError
 from mrm_nodes.host import Host
+from mrm_nodes.reference import Conductor, warmup
 from mrm_nodes.regression.material import NODES, document
 from mrm_nodes.render.context import BACKENDS, probe_backends
 from mrm_nodes.render.meshfile import load_mesh
@@ -50,7 +53,39 @@ def examine(backend: str = "auto", console: Console | None = None) -> int:
         wanted = "no backend works" if backend == "auto" else f"backend {backend} does not work"
         raise MrmError(f"{wanted} here; see above for what to install")
     console.print(f"render    [green]works[/] on {working[0]}: {_first_render(working[0])}")
+    _print_evaluation(console)
     return 0
+
+
+def _print_evaluation(console: Console) -> None:
+    """Evaluate a lobe, and print where what costs time is kept, or that it is not.
+
+    Raises:
+        MrmError: the value is not that of the papers.
+    """
+    start = time.perf_counter()
+    up = np.array([0.0, 0.0, 1.0])
+    # At the mirror angle F = ((n - 1)² + k²) / ((n + 1)² + k²), D = 1 / (π alpha²) and G = 1: f = F D / 4.
+    value = Conductor(1.5, 2.0, 0.5).eval(up, up)
+    if not np.allclose(value, (4.25 / 10.25) / np.pi, rtol=1e-12, atol=0.0):
+        raise MrmError(f"the evaluator gives {value[0]:.6g} where it is {4.25 / 10.25 / np.pi:.6g}")
+    seconds = time.perf_counter() - start
+    console.print(f"evaluator [green]works[/]: a value in {seconds:.1f} s, compilation included")
+    code = warmup.folder()
+    _print_kept(console, "compiled evaluator", code, "each process compiles anew; set NUMBA_CACHE_DIR")
+    results = cachefolder.of_user() or cachefolder.private()
+    place = None if results is None else results / "results"
+    _print_kept(
+        console, "results of cases", place, "each is rendered anew; name a folder with regress --cache"
+    )
+
+
+def _print_kept(console: Console, what: str, folder: Path | None, otherwise: str) -> None:
+    if folder is None:
+        console.print(f"          {what}: [yellow]not kept[/]: {otherwise}")
+        return
+    brief = ", [yellow]which may not last[/]" if folder.is_relative_to(tempfile.gettempdir()) else ""
+    console.print(f"          {what}: kept in {escape(str(folder))}{brief}")
 
 
 def _print_rules(console: Console) -> None:

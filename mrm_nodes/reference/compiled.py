@@ -13,7 +13,7 @@ import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -28,7 +28,7 @@ from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from mrm_nodes import compiling
+from mrm_nodes import cachefolder, compiling
 
 Array = NDArray[np.float64]
 
@@ -192,16 +192,17 @@ class Kernel:
         module = self._function.__module__.rpartition(".")[2]
         return f"{module}.{self._function.__name__.lstrip('_')}"
 
-    def folder(self) -> Path:
-        """Where its machine code is kept."""
-        return Path(self._dispatcher()[1].cache_path)
+    def folder(self) -> Path | None:
+        """Where its machine code is kept; None where that can be nowhere."""
+        cache = self._dispatcher()[1]
+        return None if cache is None else Path(cache.cache_path)
 
     def is_kept(self) -> bool:
         """Whether it was compiled before, by this process or another of the same machine."""
         if self._compiled is not None:
             return True
         dispatcher, cache = self._dispatcher()
-        return cache.holds(self._signature, dispatcher.targetctx)
+        return cache is not None and cache.holds(self._signature, dispatcher.targetctx)
 
     def compile(self) -> Callable[..., int]:
         """The compiled function, once for all threads; while another process compiles it, wait for that one."""
@@ -219,7 +220,7 @@ class Kernel:
             compiling.begin()
             try:
                 dispatcher, cache = self._dispatcher()
-                with cache.alone(wait) as mine:
+                with nullcontext(True) if cache is None else cache.alone(wait) as mine:
                     if not mine:
                         return False
                     dispatcher.compile(self._signature)
@@ -229,8 +230,11 @@ class Kernel:
             self._compiled = dispatcher
             return True
 
-    def _dispatcher(self) -> tuple[Any, _StampedCache]:
+    def _dispatcher(self) -> tuple[Any, _StampedCache | None]:
+        """The function to be compiled, and the cache of its machine code where there can be one."""
         dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(self._function)
+        if not cachefolder.choose_numbas():
+            return dispatcher, None
         make: Any = _StampedCache
         dispatcher._cache = make(self._function)
         return dispatcher, dispatcher._cache

@@ -12,6 +12,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from mrm_nodes.cachefolder import choose_numbas
 from mrm_nodes.processes import end_with_parent
 
 from .compiled import KERNELS, thread_count
@@ -29,6 +30,9 @@ def warm_up(
             the first with no name. Not called where nothing was.
         processes: that compile, this one included; by default one for each thread of the evaluator.
     """
+    if not choose_numbas():
+        # What other processes compile is nothing to this one.
+        processes = 1
     missing = [kernel for kernel in KERNELS if not kernel.is_kept()]
     if not missing:
         return 0
@@ -67,6 +71,6 @@ def help_out() -> None:
             kernel.prepare(wait=False)
 
 
-def folder() -> Path:
-    """Where machine code is kept."""
+def folder() -> Path | None:
+    """Where machine code is kept; None where that can be nowhere."""
     return KERNELS[0].folder()

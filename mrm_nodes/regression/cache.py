@@ -13,9 +13,8 @@ import tempfile
 import warnings
 from pathlib import Path
 
-import platformdirs
-
-from mrm_nodes.errors import MrmWarning
+from mrm_nodes import cachefolder
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression.journal import Entry, Sums, checksum, entry_for, entry_of, line_of
 from mrm_nodes.regression.outcome import Outcome
 
@@ -29,8 +28,15 @@ _OUTCOME = "outcome"
 
 
 def default_folder() -> Path:
-    """Where results are kept for this user."""
-    return Path(platformdirs.user_cache_dir("mrm-nodes")) / "results"
+    """Where results are kept for this user; a temporary folder of his alone where he has no other.
+
+    Raises:
+        MrmError: there can be none.
+    """
+    folder = cachefolder.of_user() or cachefolder.private()
+    if folder is None:
+        raise MrmError("results can be cached nowhere: name a folder with --cache, or say --no-cache")
+    return folder / "results"
 
 
 class Cache:

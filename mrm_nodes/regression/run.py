@@ -25,6 +25,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from mrm_nodes.cachefolder import choose_numbas
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression import journal
 from mrm_nodes.regression.cache import Cache
@@ -141,6 +142,7 @@ def run_suite(
         # What is needed next is found out while the driver starts.
         source_digest()
         versions()
+        choose_numbas()
         plan = plan_backends(backend, probing.result(), required_backends())
     with _ended_by_signals(), _writing(folder), journal.locked(folder), _scratch(folder) as scratch:
         run = _Run(tasks, folder, plan, shard, cache, on_outcome, elsewhere=cluster is not None)

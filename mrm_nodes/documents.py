@@ -62,7 +62,7 @@ def _drop_empty(document: mx.Document) -> None:
 def files_of(path: Path, document: mx.Document) -> list[Path]:
     """Every file that a material's shaders are made of: documents, images, and the source code of its own nodes."""
     files = [*included_documents(path), *external.check_files(document, path, True)]
-    return list(dict.fromkeys(Path(os.path.abspath(file)) for file in files))  # noqa: PTH100
+    return list(dict.fromkeys(map(filenames.absolute, files)))
 
 
 def parse_document(content: bytes, path: Path, allow_external: bool = False) -> mx.Document:

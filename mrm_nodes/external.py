@@ -80,7 +80,7 @@ def check_files(document: mx.Document, path: Path, allow_external: bool = False)
         check.image(filenames.resolved(port), port.getNamePath())
     for implementation in document.getImplementations():
         check.source(implementation.getFile(), implementation)
-    return list(check.found)
+    return list(dict.fromkeys(map(filenames.absolute, check.found)))
 
 
 class _Check:
@@ -125,10 +125,12 @@ class _Check:
         """The file that MaterialX's generators read for a name that stands in another file."""
         folders = self._source_folders if beside.parent == Path() else [beside.parent, *self._source_folders]
         found = filenames.find(name, folders)
+        if found.instead is not None:
+            raise MrmError(f"{where}: {name} {filenames.absence(name, folders)}")
         # They find the name as it is and read it without its `..`: not the same thing below a link.
         file = found.file and Path(os.path.normpath(found.file))
-        if found.instead is not None or (file is not None and not filenames.is_file(file)):
-            raise MrmError(f"{where}: {name} {filenames.absence(name, folders)}")
+        if file is not None and not filenames.is_file(file):
+            raise MrmError(f"{where}: {name}: MaterialX reads {file}, which is no file; name it without `..`")
         return file
 
 

@@ -105,6 +105,12 @@ def folder_of(path: Path) -> Path:
     return Path(os.path.abspath(path)).parent  # noqa: PTH100
 
 
+def absolute(file: Path) -> Path:
+    """A file's absolute name without `..`; links stay as they are written where the name still means that file."""
+    plain, real = os.path.abspath(file), os.path.realpath(file)  # noqa: PTH100
+    return Path(plain if os.path.realpath(plain) == real else real)
+
+
 def image_folders(folder: Path) -> list[Path]:
     """Where the images of a document in a folder are looked for, in this order."""
     return [folder, *search_folders()]

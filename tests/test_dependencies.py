@@ -218,6 +218,23 @@ def test_a_document_that_is_a_link_reads_what_lies_beside_the_link(tmp_path: Pat
     assert files == [tmp_path / "job" / name for name in ("m.mtlx", "part.mtlx", "own.glsl")]
 
 
+def test_what_lies_above_a_linked_folder_is_the_file_that_is_read(folder: Path):
+    """`door/..` is not the folder of the link, to the system as to MaterialX."""
+    (folder / "deep/sub").mkdir(parents=True)
+    (folder / "door").symlink_to(folder / "deep/sub")
+    (folder / "deep/more.mtlx").write_text('<materialx version="1.39" />')
+    (folder / "deep/worn.png").write_bytes(b"")
+    include = '<xi:include href="door/../more.mtlx" /><image'
+    text = MATERIAL.replace("tex\\worn.png", "door\\..\\worn.png").replace("<image", include, 1)
+    (folder / "m.mtlx").write_text(text)
+    files = {path.relative_to(folder).as_posix() for path in case_of(folder).files()}
+    assert {"deep/more.mtlx", "deep/worn.png"} <= files
+    assert not {"more.mtlx", "worn.png"} & files
+    before = state(folder)
+    (folder / "deep/worn.png").write_bytes(b"later")
+    assert all(one != other for one, other in zip(before, state(folder), strict=True))
+
+
 SECRET = "not for a document above this folder"
 WAYS = {
     "above": "../secret.txt",
@@ -306,10 +323,14 @@ def test_a_case_whose_source_lies_outside_is_an_error_and_its_report_does_not_qu
         (b"//" + b" " * (9 << 20), "MiB"),
         (b'#include "/dev/zero"', "/dev/zero is a device"),
         (b'#include "sub"', "is a folder"),
+        (b'#include "low/../x.glsl"', "MaterialX reads"),
     ],
 )
 def test_source_that_cannot_be_looked_through_is_one_line(source: bytes, told: str, leaking: Path):
     document = write_source(leaking, "own.glsl", "itself")
+    (leaking / "sub/deep").mkdir()
+    (leaking / "low").symlink_to(leaking / "sub/deep")
+    (leaking / "sub/x.glsl").write_text("// above the folder that the link leads to")
     (leaking / "own.glsl").write_bytes(source + b"\nvoid noise(float i, out float o) { o = i; }\n")
     with pytest.raises(MrmError) as fault:
         generate_shader(document)

@@ -153,14 +153,20 @@ class _Reading:
     def _check_amount(self, text: str, file: Path) -> None:
         """Check what MaterialX's reader has no limit for, before it reads."""
         elements = nameless = 0
+        shaders: set[str] = set()
         for token in xmltext.tokens(text, str(file)):
             if token.opens or not token.closes:
                 elements += 1
-                nameless += not xmltext.attributes_of(token.attributes).get("name")
+                name = xmltext.attributes_of(token.attributes).get("name", "")
+                is_reference = token.name == "shaderref"
+                # MaterialX makes nodes of an old document's shader references, all in one place.
+                nameless += not name or (is_reference and name in shaders)
+                if is_reference:
+                    shaders.add(name)
         if elements == 0:
             raise MrmError(f"{file}: not a MaterialX document: no element found")
         if nameless > MOST_NAMELESS:
-            raise MrmError(f"{file}: has more than {MOST_NAMELESS} elements without a name")
+            raise MrmError(f"{file}: has more than {MOST_NAMELESS} elements without a name of their own")
         if elements > MOST_ELEMENTS:
             raise MrmError(f"{file}: more than {MOST_ELEMENTS} elements, which is no material")
 

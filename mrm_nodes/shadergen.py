@@ -7,6 +7,8 @@ import importlib
 import os
 import pkgutil
 import re
+import warnings
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,8 +19,9 @@ import MaterialX.PyMaterialXGenShader as mx_gen_shader
 from mrm_nodes import filenames, library, mdl
 from mrm_nodes.documents import one_line, read_document
 from mrm_nodes.elements import check_document, find_renderable, used_by
-from mrm_nodes.errors import MrmError, unknown
+from mrm_nodes.errors import MrmError, MrmWarning, unknown
 from mrm_nodes.naming import named_for_code
+from mrm_nodes.transparency import may_be_transparent
 
 #: Light nodes as every shader of ours knows them, by the number that LightData.type carries.
 LIGHT_TYPES = {"directional_light": 1, "point_light": 2, "spot_light": 3}
@@ -101,8 +104,13 @@ def generate_shader(
     max_lights: int = 4,
     libraries: str | os.PathLike[str] | None = None,
     allow_external: bool = False,
+    varying: Iterable[str] = (),
 ) -> Shader:
     """Generate the shader of one renderable element.
+
+    A surface that may be transparent by MaterialX's own test gets MaterialX's code for it: alpha, and `discard` below
+    `u_alphaThreshold`. Warns (MrmWarning) of what a material has beside its surface, such as displacement: no target
+    draws it.
 
     Args:
         path_or_document: a .mtlx file or a document.
@@ -114,6 +122,8 @@ def generate_shader(
         max_lights: size of the light array of the GLSL family.
         libraries: a MaterialX `libraries` folder to use in place of the installed MaterialX's.
         allow_external: as in `read_document`.
+        varying: inputs, by path or by their uniforms' names, that will get other values than the document's: a
+            surface which is transparent with some of them counts as one.
 
     Raises:
         MrmError: unreadable document, unknown node, target, element or option, or a value that is no number.
@@ -142,6 +152,12 @@ def generate_shader(
     renderable = find_renderable(document, where, element)
     generator = generator_class.create()  # type: ignore[attr-defined]
     check_document(document, where, renderable, generator.getTarget())
+    for name in _undrawn(renderable):
+        warnings.warn(
+            f"{where}: {renderable.getNamePath()}: its {name} is not drawn", MrmWarning, stacklevel=2
+        )
+    is_hardware = isinstance(generator, mx_gen_shader.HwShaderGenerator)
+    transparent = is_hardware and may_be_transparent(renderable, generator.getTarget(), varying)
     document, renderable = named_for_code(document, renderable)
     if target == "mdl":
         path = renderable.getNamePath()
@@ -167,7 +183,8 @@ def generate_shader(
     if target == "mdl" and hasattr(options, "distributeLayerOverBsdfMix"):
         # Done already, with more on top than mixes; MaterialX's own takes a volume below a mix for a BSDF.
         options.distributeLayerOverBsdfMix = False
-    if isinstance(generator, mx_gen_shader.HwShaderGenerator):
+    options.hwTransparency = transparent
+    if is_hardware:
         for node, number in LIGHT_TYPES.items():
             definition = library.shared_library(libraries).getNodeDef(f"ND_{node}")
             mx_gen_shader.HwShaderGenerator.bindLightShader(definition, number, context)
@@ -188,6 +205,14 @@ def generate_shader(
         document=document,
         search_path=tuple(filenames.image_folders(folder)),
     )
+
+
+def _undrawn(element: mx.Element) -> list[str]:
+    """Name what a material has beside its surface."""
+    if not isinstance(element, mx.Node) or element.getType() != "material":
+        return []
+    names = [port.getName() for port in element.getInputs() if port.getConnectedNode() is not None]
+    return [name.removesuffix("shader") for name in names if name != "surfaceshader"]
 
 
 def _knowing_environment(source: str, environment: str) -> str:

@@ -26,6 +26,7 @@ from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.tolerance import SEEN, Tolerance, compare_images
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment, find_environment
+from mrm_nodes.render.gbuffer import ALPHA_THRESHOLD
 from mrm_nodes.render.images import read_image
 from mrm_nodes.render.mesh import BUILT_IN, Mesh
 from mrm_nodes.render.meshfile import load_mesh, mesh_files
@@ -316,22 +317,32 @@ class _Bench:
 
     def _generate(self, key: Any, document: Callable[[], mx.Document], element: str) -> Shader:
         with timed(self.outcome, "generate"):
-            return self._workshop.shader(key, document, element)
+            return self._workshop.shader(key, document, element, self.case.inputs)
 
-    def render(
-        self, shader: Shader, environment: Environment | None = None, lit: bool = True
-    ) -> RenderedImage:
-        """Draw the case, with its lights or without any."""
-        case = self.case
+    def render(self, shader: Shader, environment: Environment | None = None) -> RenderedImage:
+        """Draw the case with its lights."""
+        return self._render(shader, environment=environment, lights=self.case.lights)
+
+    def show(self, port: Driven) -> RenderedImage:
+        """Draw what drives an input, without a light, where the material is seen."""
+        shader = self.shader(self.case.element)
+        visible = (shader, self._uniforms(shader)) if ALPHA_THRESHOLD in shader.pixel else None
+        return self._render(self.shown(port.element), visible=visible)
+
+    def _uniforms(self, shader: Shader) -> dict[str, Value]:
+        """The case's values of a shader's inputs."""
         known = {uniform.path for uniform in uniforms_of(shader).values()}
+        return {name: self.case.placed(value) for name, value in self.case.inputs.items() if name in known}
+
+    def _render(self, shader: Shader, **more: Any) -> RenderedImage:
+        case = self.case
         drawn = self._workshop.renderer.render(
             shader,
             self._mesh,
             case.camera,
-            lights=case.lights if lit else (),
             size=case.size,
-            uniforms={name: case.placed(value) for name, value in case.inputs.items() if name in known},
-            environment=environment,
+            uniforms=self._uniforms(shader),
+            **more,
         )
         for stage, seconds in drawn.seconds.items():
             self.outcome.seconds[stage] += seconds
@@ -345,7 +356,10 @@ class _Bench:
             if not isinstance(port, Driven):
                 return port
             if port.element not in seen:
-                values = self.render(self.shown(port.element), lit=False).image[mask].astype(np.float64)
+                drawn = self.show(port)
+                if not drawn.mask[mask].all():
+                    raise MrmError(f"{self.case.material}: {port.element} is not seen where the material is")
+                values = drawn.image[mask].astype(np.float64)
                 if not np.isfinite(values).all():
                     raise MrmError(
                         f"{self.case.material}: {port.element} is NaN or infinite where it is seen"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import MaterialX as mx
@@ -34,11 +34,22 @@ class Workshop:
         self._edit = edit
         self._shaders: Recent[Any, Shader] = Recent(_KEPT_SHADERS, lambda shader: None)
 
-    def shader(self, key: Any, document: Callable[[], mx.Document], element: str | None = None) -> Shader:
-        """The shader of a key; `document` makes what it is generated from where there is none yet."""
+    def shader(
+        self,
+        key: Any,
+        document: Callable[[], mx.Document],
+        element: str | None = None,
+        varying: Iterable[str] = (),
+    ) -> Shader:
+        """The shader of a key; `document` makes what it is generated from where there is none yet.
+
+        varying: as in `generate_shader`, where tasks of one key have different values of some inputs.
+        """
 
         def make() -> Shader:
-            return self._edit(generate_shader(document(), element=element or material.MATERIAL))
+            return self._edit(
+                generate_shader(document(), element=element or material.MATERIAL, varying=varying)
+            )
 
         return self._shaders.get(key, make)
 

@@ -45,11 +45,13 @@ def check_draw(
     program: moderngl.Program,
     framebuffer: moderngl.Framebuffer,
     textures: Mapping[str, moderngl.Texture],
+    unusual: Mapping[str, tuple[int, ...]],
 ) -> None:
     """Compare OpenGL's state with what a draw is meant to depend on.
 
     Args:
         textures: what each sampler of the program is meant to read.
+        unusual: what of the state this draw wants otherwise than every other, by its name in OpenGL.
 
     Raises:
         AssertionError: something else is bound or switched on.
@@ -63,7 +65,7 @@ def check_draw(
         return tuple(values[:count])
 
     found = {name: state(pname, len(values)) for name, (pname, values) in _STATE.items()}
-    meant = {name: values for name, (_, values) in _STATE.items()}
+    meant = {name: values for name, (_, values) in _STATE.items()} | dict(unusual)
     found["GL_DRAW_FRAMEBUFFER_BINDING"], meant["GL_DRAW_FRAMEBUFFER_BINDING"] = (
         state(0x8CA6),
         (framebuffer.glo,),

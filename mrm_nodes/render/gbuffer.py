@@ -13,6 +13,9 @@ from mrm_nodes.errors import MrmError
 
 #: Render targets, in order: the image; position and coverage; normal and texture u; tangent and texture v.
 TARGETS = 4
+#: MaterialX's uniform below which a fragment of a transparent surface is not drawn. On a mesh, such a surface has a
+#: fifth target for the texture coordinates: what is blended by its fourth number has to have a 1 there.
+ALPHA_THRESHOLD = "u_alphaThreshold"
 
 #: How many textures the vertex data of points may take: as many as every OpenGL draws into at once.
 _MAX_SHEETS = 8
@@ -89,6 +92,7 @@ class Stages:
     vertex: str
     pixel: str
     sheets: int = 0
+    targets: int = TARGETS
 
 
 @dataclass(frozen=True)
@@ -133,7 +137,12 @@ def mesh_stages(vertex: str, pixel: str) -> Stages:
         MrmError: not GLSL as MaterialX's generator for it writes.
     """
     data = _vertex_data(vertex, pixel)
-    return Stages(_vertex_stage(vertex, data, points=False), _pixel_stage(pixel, data))
+    blends = ALPHA_THRESHOLD in pixel
+    return Stages(
+        _vertex_stage(vertex, data, points=False),
+        _pixel_stage(pixel, data, blends=blends),
+        targets=TARGETS + blends,
+    )
 
 
 def point_stages(vertex: str, pixel: str) -> Stages:
@@ -232,7 +241,11 @@ def _vertex_stage(source: str, data: _VertexData, *, points: bool) -> str:
 
 
 def _pixel_stage(
-    source: str, data: _VertexData, inputs: list[str] | None = None, loads: list[str] | None = None
+    source: str,
+    data: _VertexData,
+    inputs: list[str] | None = None,
+    loads: list[str] | None = None,
+    blends: bool = False,
 ) -> str:
     if inputs is None:
         inputs = [f"in {stream.type} mrm_{stream.member};" for stream in data.added]
@@ -245,13 +258,15 @@ def _pixel_stage(
             "layout(location = 1) out vec4 mrm_position;",
             "layout(location = 2) out vec4 mrm_normal;",
             "layout(location = 3) out vec4 mrm_tangent;",
+            *(["layout(location = 4) out vec4 mrm_texcoord;"] if blends else []),
             "void main()",
             "{",
             *(loads or []),
             "    mrm_materialx_main();",
             f"    mrm_position = vec4({position}, 1.0);",
-            f"    mrm_normal = vec4({normal}, {texcoord}.x);",
-            f"    mrm_tangent = vec4({tangent}, {texcoord}.y);",
+            f"    mrm_normal = vec4({normal}, {'1.0' if blends else f'{texcoord}.x'});",
+            f"    mrm_tangent = vec4({tangent}, {'1.0' if blends else f'{texcoord}.y'});",
+            *([f"    mrm_texcoord = vec4({texcoord}, 0.0, 1.0);"] if blends else []),
             "}",
             "",
         ]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.render.gbuffer import ALPHA_THRESHOLD
 from mrm_nodes.render.renderer import samples_in_the_dark
 from mrm_nodes.render.scene import Camera, Light, vector
 from mrm_nodes.render.uniforms import uniforms_of
@@ -52,6 +53,8 @@ def uniform_values(
     }
     values |= dict.fromkeys(_IDENTITIES, np.eye(4).ravel().tolist())
     values |= {"u_viewPosition": position, "u_envLightIntensity": 1.0}
+    if ALPHA_THRESHOLD in values:
+        values[ALPHA_THRESHOLD] = 0.0  # every point is drawn
     values["u_envRadianceSamples"] = samples_in_the_dark(shader)
     values["u_numActiveLightSources"] = len(lights)
     for index, light in enumerate(lights):

@@ -22,7 +22,15 @@ from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.checks import CHECK_VARIABLE, check_draw
 from mrm_nodes.render.context import GLContext, get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
-from mrm_nodes.render.gbuffer import BITANGENT_SIGN, TARGETS, Stages, mesh_stages, point_stages, sheet_stages
+from mrm_nodes.render.gbuffer import (
+    ALPHA_THRESHOLD,
+    BITANGENT_SIGN,
+    TARGETS,
+    Stages,
+    mesh_stages,
+    point_stages,
+    sheet_stages,
+)
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.recent import Recent
@@ -42,6 +50,14 @@ _KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS, _KEPT_ENVIRONMENTS = 64, 16, 2, 4
 _MAX_PIXELS = 8192 * 8192
 
 _GL_SAMPLER_2D = 0x8B5E
+#: What MaterialX's viewer takes for opaque and draws first; and what it draws at all.
+_OPAQUE, _VISIBLE = 0.99, 0.001
+#: What of OpenGL's state some draws have otherwise than others: see `check_draw`.
+State = Mapping[str, tuple[int, ...]]
+_USUAL: State = {}
+_BLENDING: State = {"GL_BLEND": (1,)}
+_DEPTH_ONLY: State = {"GL_COLOR_WRITEMASK": (0, 0, 0, 0)}
+_SAME_DEPTH: State = {"GL_DEPTH_FUNC": (0x0202,)}  # GL_EQUAL
 _IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 
@@ -50,10 +66,10 @@ class RenderedImage:
     """An image and, from the same draw, the geometry that its shader saw: float32, row 0 at the top.
 
     Args:
-        image: (h, w, 3) linear radiance; 0 where nothing was drawn.
+        image: (h, w, 3) linear radiance; 0 where nothing was drawn, and behind what is transparent.
         position, normal, tangent: (h, w, 3) in world space, as interpolated: not quite unit vectors.
         texcoord: (h, w, 2), as interpolated.
-        mask: (h, w), True where the mesh covers the middle of the pixel.
+        mask: (h, w), True where the mesh covers the middle of the pixel, and is not cut out there (alpha below 0.001).
         camera: the camera that was used.
         backend, device: which OpenGL drew it.
         seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory.
@@ -81,6 +97,7 @@ class _Program:
     samplers: tuple[str, ...]
     attributes: dict[str, int]  # by name: how many floats
     sheets: int  # of gbuffer.sheet_stages; 0 for other programs
+    targets: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,8 +223,12 @@ class Renderer:
         size: tuple[int, int] = (512, 512),
         uniforms: Mapping[str, Any] | None = None,
         environment: Environment | None = None,
+        visible: tuple[Shader, Mapping[str, Any]] | None = None,
     ) -> RenderedImage:
         """Draw a mesh with one sample in the middle of each pixel.
+
+        A transparent surface is drawn as MaterialX's viewer does: first what is opaque, then the rest over it, in the
+        order of the mesh's triangles.
 
         Args:
             camera: by default it stands on the +z side and shows the whole mesh.
@@ -215,6 +236,8 @@ class Renderer:
             uniforms: values in place of the material's, by the path of an input (`graph/node/input`) or by
                 the uniform's name; an enum takes its name or its number.
             environment: black by default.
+            visible: a surface, with its `uniforms`: only where that is seen anything is drawn, holes of an alpha mask
+                and what is behind them included.
 
         Raises:
             MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN;
@@ -229,33 +252,40 @@ class Renderer:
         near, far = camera.clip_distances(mesh.center, mesh.radius)
         view_projection = camera.projection_matrix(aspect, near, far) @ camera.view_matrix()
         values = uniforms_of(shader, uniforms)
+        if mesh.colors is None and " i_color_0;" in shader.vertex:
+            _warn(f"mesh {mesh.name} has no vertex colours (color_0), which {shader.name} uses: they are white")
 
         def draw() -> RenderedImage:
             started = time.perf_counter()
             program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
-            if mesh.colors is None and "i_color_0" in program.attributes:
-                _warn(
-                    f"mesh {mesh.name} has no vertex colours (color_0), which {shader.name} uses: they are white"
-                )
             textures = self._upload(shader, program, values, view_projection, camera, lights, environment)
             array = self._vertex_array(program, mesh, shader)
             if is_new:
                 # Drivers compile the second half of a program when it first draws.
-                target = self._begin((width, height), depth_test=True)
+                target = self._begin((width, height), program.targets, depth_test=True)
                 self._draw(program, array, target, textures, moderngl.TRIANGLES, 3)
             compiled = time.perf_counter()
-            target = self._begin((width, height), depth_test=True)
-            self._draw(program, array, target, textures, moderngl.TRIANGLES)
+            target = self._begin((width, height), program.targets, depth_test=True)
+            state = _USUAL
+            if visible is not None:
+                self._draw_depth(visible, mesh, target, view_projection, camera)
+                state = _SAME_DEPTH
+                # The two may share a program.
+                textures = self._upload(shader, program, values, view_projection, camera, lights, environment)
+            self._draw_surface(program, array, target, textures, state)
             (image, _), (position, covered), (normal, u), (tangent, v) = map(
                 target.read_split, range(TARGETS)
             )
+            texcoord = np.stack([u, v], axis=-1)
+            if program.targets > TARGETS:
+                texcoord = np.ascontiguousarray(target.read_split(TARGETS)[0][..., :2])
             finished = time.perf_counter()
             return RenderedImage(
                 image=image,
                 position=position,
                 normal=normal,
                 tangent=tangent,
-                texcoord=np.stack([u, v], axis=-1),
+                texcoord=texcoord,
                 mask=covered > 0.5,
                 camera=camera,
                 backend=self.backend,
@@ -264,6 +294,51 @@ class Renderer:
             )
 
         return self._run(draw)
+
+    def _draw_surface(
+        self,
+        program: _Program,
+        array: moderngl.VertexArray,
+        target: _Target,
+        textures: Mapping[str, moderngl.Texture],
+        state: State,
+    ) -> None:
+        """Draw a mesh into the target that was begun: opaque, or in the two passes of MaterialX's viewer."""
+        if ALPHA_THRESHOLD not in program.uniforms:
+            self._draw(program, array, target, textures, moderngl.TRIANGLES, state=state)
+            return
+        ctx = self._gl.ctx
+        program.uniforms[ALPHA_THRESHOLD].value = _OPAQUE
+        self._draw(program, array, target, textures, moderngl.TRIANGLES, state=state)
+        program.uniforms[ALPHA_THRESHOLD].value = _VISIBLE
+        ctx.enable(moderngl.BLEND)
+        ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        self._draw(program, array, target, textures, moderngl.TRIANGLES, state={**state, **_BLENDING})
+        ctx.disable(moderngl.BLEND)
+
+    def _draw_depth(
+        self,
+        visible: tuple[Shader, Mapping[str, Any]],
+        mesh: Mesh,
+        target: _Target,
+        view_projection: NDArray[np.float64],
+        camera: Camera,
+    ) -> None:
+        """Have the next draw into a target draw only what is seen of a surface."""
+        shader, uniforms = visible
+        program, _ = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
+        values = uniforms_of(shader, uniforms)
+        textures = self._upload(shader, program, values, view_projection, camera, (), None)
+        if ALPHA_THRESHOLD in program.uniforms:
+            program.uniforms[ALPHA_THRESHOLD].value = _VISIBLE
+        array = self._vertex_array(program, mesh, shader)
+        framebuffer: Any = target.framebuffer
+        framebuffer.color_mask = [(False,) * 4] * len(target.colors)
+        try:
+            self._draw(program, array, target, textures, moderngl.TRIANGLES, state=_DEPTH_ONLY)
+        finally:
+            framebuffer.color_mask = [(True,) * 4] * len(target.colors)
+        self._gl.ctx.depth_func = "=="
 
     def draw_points(
         self,
@@ -422,6 +497,7 @@ class Renderer:
                     if isinstance(member, moderngl.Attribute) and name.startswith("i_")
                 },
                 stages.sheets,
+                stages.targets,
             )
 
         return self._kept.programs.get(stages, link), is_new
@@ -450,6 +526,8 @@ class Renderer:
             "u_numActiveLightSources": len(lights),
             "u_envRadianceSamples": samples_in_the_dark(shader),
             "u_envLightIntensity": 1.0,
+            # Every point is drawn; meshes have a threshold of each pass.
+            ALPHA_THRESHOLD: 0.0,
         }
         room = sum(re.fullmatch(r"u_lightData\[\d+\]\.type", name) is not None for name in program.uniforms)
         if lights and len(lights) > room and "u_numActiveLightSources" in program.uniforms:
@@ -536,11 +614,15 @@ class Renderer:
         textures: Mapping[str, moderngl.Texture],
         mode: int,
         vertices: int = -1,
+        state: State = _USUAL,
     ) -> None:
-        """Draw into the target that was begun last; each sampler reads the texture of its name."""
+        """Draw into the target that was begun last; each sampler reads the texture of its name.
+
+        state: what of OpenGL's state is not as usual.
+        """
         self._gl.bind(textures, program.program)
         if os.environ.get(CHECK_VARIABLE):
-            check_draw(self._gl, program.program, target.framebuffer, textures)
+            check_draw(self._gl, program.program, target.framebuffer, textures, state)
         array.render(mode, vertices=vertices)
         self._gl.wait()
 
@@ -671,7 +753,7 @@ def render(
     parsed_lights = [parse_light(light) if isinstance(light, str) else light for light in listed]
     parsed_camera = parse_camera(camera) if isinstance(camera, str) else camera
     loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
-    shader = material if isinstance(material, Shader) else generate_shader(material)
+    shader = material if isinstance(material, Shader) else generate_shader(material, varying=uniforms or ())
     around = environment if isinstance(environment, Environment | None) else find_environment(environment)
     return renderer.render(shader, loaded, parsed_camera, parsed_lights, size, uniforms, around)
 

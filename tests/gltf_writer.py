@@ -33,7 +33,7 @@ def gltf_of(shapes, nodes=None, **changes):
                 "bufferView": len(views) - 1,
                 "componentType": COMPONENTS[array.dtype.str[1:]],
                 "count": len(array),
-                "type": TYPES[1 if array.ndim == 1 else array.shape[1]],
+                "type": TYPES[array.shape[1] if array.ndim > 1 else 1],
             }
             | ({"normalized": True} if normalized else {})
         )

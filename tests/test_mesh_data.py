@@ -470,6 +470,13 @@ def test_an_odd_gltf_is_explained(file, changes, message):
     assert message is None or message in text
 
 
+@pytest.mark.parametrize("name", ["POSITION", "NORMAL", "TANGENT", "TEXCOORD_0", "TEXCOORD_1", "COLOR_0"])
+def test_an_attribute_of_another_width_is_refused(file, name):
+    write_glb(file, [[SQUARE | {name: np.ones((4, 1))}]])
+    with pytest.raises(MrmError, match=rf"m\.glb: {name} has 1 numbers for a vertex"):
+        load_mesh(file)
+
+
 def test_an_accessor_that_claims_more_than_fits_is_refused(file):
     gltf, data = gltf_of([[SQUARE]])
     for accessor in gltf["accessors"]:

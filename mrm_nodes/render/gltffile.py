@@ -33,6 +33,9 @@ _COMPONENT_TYPES = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
 _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 
+#: How many numbers a vertex has of an attribute: glTF 2.0, section 3.7.2.1.
+_WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TANGENT": (4,), "TEXCOORD": (2,), "COLOR": (3, 4)}
+
 #: Values of an accessor; one without a buffer may claim any number.
 _MOST_VALUES = 1 << 28
 
@@ -252,15 +255,17 @@ class _Reader:
     def _streams(self, name: str, data: NDArray[Any]) -> Streams:
         """Return vertex data by MaterialX's names, from that of one attribute."""
         kind, _, number = name.rpartition("_")
+        if data.shape[1] not in _WIDTHS.get(kind or name, (data.shape[1],)):
+            raise MrmError(f"{self._file}: {name} has {data.shape[1]} numbers for a vertex")
         if name in ("POSITION", "NORMAL"):
-            return {name.lower(): data[:, :3]}
+            return {name.lower(): data}
         if name == "TANGENT":
             return {"tangent": data[:, :3], "bitangent_sign": data[:, 3:4]}
         if kind == "TEXCOORD" and number.isdecimal():
             # MaterialX's v grows upwards and glTF's downwards.
-            return {f"texcoord_{int(number)}": data[:, :2] * (1, -1) + (0, 1)}
+            return {f"texcoord_{int(number)}": data * (1, -1) + (0, 1)}
         if kind == "COLOR" and number.isdecimal():
-            alpha = np.ones((len(data), 4 - min(data.shape[1], 4)))
+            alpha = np.ones((len(data), 4 - data.shape[1]))
             return {f"color_{int(number)}": np.concatenate([data, alpha], axis=1)}
         if name.startswith("_"):
             # An application's own: MaterialX makes no names of two underscores.

@@ -253,7 +253,9 @@ class Renderer:
         view_projection = camera.projection_matrix(aspect, near, far) @ camera.view_matrix()
         values = uniforms_of(shader, uniforms)
         if mesh.colors is None and " i_color_0;" in shader.vertex:
-            _warn(f"mesh {mesh.name} has no vertex colours (color_0), which {shader.name} uses: they are white")
+            _warn(
+                f"mesh {mesh.name} has no vertex colours (color_0), which {shader.name} uses: they are white"
+            )
 
         def draw() -> RenderedImage:
             started = time.perf_counter()

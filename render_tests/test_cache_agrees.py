@@ -1,5 +1,7 @@
 """The cache and a run without it come to the same: every verdict, every figure, every file."""
 
+import contextlib
+import json
 import os
 import shutil
 import warnings
@@ -15,6 +17,7 @@ from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.run import run_suite
 from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.suitetable import SuiteError
 
 CASES = Path(__file__).parents[1] / ".." / "shared" / "cases"
 """Small documents as other programs write them, where they lie beside the checkout."""
@@ -38,9 +41,16 @@ def given(tmp_path):
     if not CASES.is_dir():
         pytest.skip(f"no {CASES}")
     shutil.copytree(CASES, tmp_path / "cases")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", MrmWarning)
-        return small(load(tmp_path / "cases").cases)
+    cases = []
+    for number, file in enumerate(sorted((tmp_path / "cases").rglob("*.mtlx"))):
+        suite = file.with_name("suite.toml")
+        suite.write_text(
+            f"[[case]]\nmaterial = {json.dumps(file.name)}\nname = 'case-{number}-{{element}}'\n"
+        )
+        with contextlib.suppress(SuiteError), warnings.catch_warnings():
+            warnings.simplefilter("ignore", MrmWarning)
+            cases += load(suite).cases
+    return small(cases)
 
 
 def small(cases):

@@ -3,15 +3,18 @@
 import errno
 import os
 import random
+import shutil
+import warnings
 import zlib
 
 import pytest
 
 from mrm_nodes.errors import MrmWarning
+from mrm_nodes.regression import cache as cache_module
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.compare import Figures
 from mrm_nodes.regression.inputs import MISSING, Inputs, conditions, digest, digest_of, key
-from mrm_nodes.regression.journal import line_of
+from mrm_nodes.regression.journal import checksum, line_of, line_with_sum, parsed
 from mrm_nodes.regression.outcome import Outcome, as_record
 
 KEY = digest(b"key")
@@ -99,6 +102,191 @@ def test_another_file_system_gets_copies(cache, tmp_path, monkeypatch):
     monkeypatch.setattr("os.link", refuse)
     cache.get(KEY, tmp_path / "other")
     assert (tmp_path / "other" / "cases" / "render.exr").read_bytes() == CONTENTS
+
+
+def entry_line(tmp_path):
+    """The file that says what an entry holds."""
+    return next((tmp_path / "cache").glob("*/*")) / "outcome"
+
+
+def forged(tmp_path, change):
+    """Change what an entry says, its checksums made right."""
+    file = entry_line(tmp_path)
+    header, record = (parsed(line) for line in file.read_bytes().splitlines())
+    change(header, record)
+    file.write_bytes(line_with_sum(header) + line_with_sum(record))
+
+
+def renamed(name):
+    def change(header, record):
+        record["files"] = {name: SUM}
+
+    return change
+
+
+def removed(*keys):
+    def change(header, record):
+        for each in (header, record, record.get("outcome", {})):
+            for name in keys:
+                each.pop(name, None)
+
+    return change
+
+
+def replaced(**values):
+    def change(header, record):
+        record["outcome"] |= values
+
+    return change
+
+
+FORGERIES = {
+    "a name above": renamed("../stolen"),
+    "a name above, further down": renamed("cases/../../stolen"),
+    "an absolute name": renamed("/tmp/stolen"),
+    "an empty name": renamed(""),
+    "a name with NUL": renamed("cases/\0"),
+    "a picture above": replaced(files={"render": "../../secret.png"}),
+    "no key": removed("key"),
+    "no files": removed("files"),
+    "no outcome": removed("outcome"),
+    "no verdict": removed("verdict"),
+    "no setup": removed("setup"),
+    "sums that are none": lambda header, record: record.update(files={"cases/render.exr": "x"}),
+    "files that are a list": lambda header, record: record.update(files=["cases/render.exr"]),
+    "an outcome that is a text": lambda header, record: record.update(outcome="pass"),
+    "another key": lambda header, record: header.update(key=digest(b"another")),
+    "another case": replaced(name="another"),
+    "another backend": replaced(backend="osmesa"),
+    "another setup": replaced(setup={"alpha": [0.3, 0.2]}),
+}
+
+
+@pytest.mark.parametrize("change", FORGERIES.values(), ids=FORGERIES)
+def test_an_entry_that_is_not_this_case_s_or_leads_elsewhere_is_a_miss(cache, tmp_path, change):
+    task = Task(alpha=[0.1, 0.2])
+    assert cache.get(KEY, tmp_path / "before", task, "egl") is not None
+    forged(tmp_path, change)
+    before = {file for file in tmp_path.rglob("*") if "cache" not in file.parts}
+    with pytest.warns(MrmWarning, match="the cached result is damaged"):
+        assert cache.get(KEY, tmp_path / "report", task, "egl") is None
+    assert {file for file in tmp_path.rglob("*") if "cache" not in file.parts} == before
+    assert not entry_line_exists(tmp_path)
+
+
+def entry_line_exists(tmp_path):
+    return any((tmp_path / "cache").glob("*/*/outcome"))
+
+
+@pytest.mark.parametrize("kind", ["link", "folder", "pipe"])
+def test_a_file_of_an_entry_that_is_none_is_a_miss(cache, tmp_path, kind):
+    file = entry_line(tmp_path).with_name("0")
+    file.unlink()
+    (tmp_path / "secret").write_bytes(CONTENTS)
+    {
+        "link": lambda: file.symlink_to(tmp_path / "secret"),
+        "folder": file.mkdir,
+        "pipe": lambda: os.mkfifo(file),
+    }[kind]()
+    with pytest.warns(MrmWarning, match="the cached result is damaged"):
+        assert cache.get(KEY, tmp_path / "other") is None
+    assert (tmp_path / "secret").read_bytes() == CONTENTS
+
+
+def test_a_link_in_a_report_is_replaced_and_not_written_through(cache, tmp_path):
+    there = tmp_path / "other" / "cases" / "render.exr"
+    there.parent.mkdir(parents=True)
+    (tmp_path / "mine").write_text("kept")
+    there.symlink_to(tmp_path / "mine")
+    cache.get(KEY, tmp_path / "other")
+    assert there.read_bytes() == CONTENTS and not there.is_symlink()
+    assert (tmp_path / "mine").read_text() == "kept"
+
+
+@pytest.mark.parametrize("at", ["before the outcome is read", "before a file is read"])
+def test_an_entry_that_is_evicted_while_it_is_read_is_a_miss(cache, tmp_path, monkeypatch, at):
+    read, place = cache_module._read, entry_line(tmp_path).parent
+
+    def evict(file):
+        if (file.name == "outcome") == (at == "before the outcome is read"):
+            shutil.rmtree(place, ignore_errors=True)
+        return read(file)
+
+    monkeypatch.setattr(cache_module, "_read", evict)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert cache.get(KEY, tmp_path / "other") is None
+
+
+def test_losing_a_race_is_no_fault(tmp_path, report, monkeypatch):
+    """Another run puts the same entry between the removal of an earlier one and the renaming of ours."""
+    names = {"cases/render.exr": SUM}
+    remove = cache_module._remove
+
+    def be_quicker(place):
+        remove(place)
+        monkeypatch.setattr(cache_module, "_remove", remove)
+        Cache(tmp_path / "cache").put(KEY, outcome(), report, names)
+
+    monkeypatch.setattr(cache_module, "_remove", be_quicker)
+    cache = Cache(tmp_path / "cache")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        cache.put(KEY, outcome(), report, names)
+        cache.put(digest(b"another"), outcome(), report, names)
+        assert cache.get(KEY, tmp_path / "other") and cache.get(digest(b"another"), tmp_path / "other")
+    assert not list((tmp_path / "cache").glob("*/.*"))
+
+
+@pytest.mark.parametrize(("umask", "folder", "file"), [(0o022, 0o755, 0o644), (0o002, 0o775, 0o664)])
+def test_modes_are_those_that_the_umask_asks_for(tmp_path, report, umask, folder, file):
+    before = os.umask(umask)
+    try:
+        cache = Cache(tmp_path / "cache")
+        cache.put(KEY, outcome(), report, {"cases/render.exr": SUM})
+        cache.get(KEY, tmp_path / "other")
+    finally:
+        os.umask(before)
+    place = entry_line(tmp_path).parent
+    for each, mode in (
+        (place, folder),
+        (place.parent, folder),
+        (place / "0", file),
+        (place / "outcome", file),
+    ):
+        assert each.stat().st_mode & 0o777 == mode
+    assert (tmp_path / "other" / "cases" / "render.exr").stat().st_mode & 0o777 == file
+
+
+@pytest.mark.parametrize("link", [False, True])
+def test_report_and_cache_share_files_only_where_that_is_asked_for(tmp_path, report, link):
+    cache = Cache(tmp_path / "cache", link=link)
+    cache.put(KEY, outcome(), report, {"cases/render.exr": SUM})
+    cache.get(KEY, tmp_path / "other")
+    kept = entry_line(tmp_path).with_name("0")
+    for folder in (report, tmp_path / "other"):
+        assert kept.samefile(folder / "cases" / "render.exr") == link
+
+
+def test_with_a_secret_only_what_was_signed_with_it_is_used(tmp_path, report, monkeypatch):
+    names = {"cases/render.exr": SUM}
+    monkeypatch.setenv("MRM_CACHE_SECRET", "ours")
+    Cache(tmp_path / "cache").put(KEY, outcome(), report, names)
+    assert Cache(tmp_path / "cache").get(KEY, tmp_path / "other") is not None
+    assert Cache(tmp_path / "cache", secret="another").get(KEY, tmp_path / "other") is None
+    assert Cache(tmp_path / "cache", secret="").get(KEY, tmp_path / "other") is not None
+    # A file of the same size and CRC-32 can be made by anybody.
+    kept = entry_line(tmp_path).with_name("0")
+    kept.write_bytes(b"x" + CONTENTS[1:])
+    forged(
+        tmp_path,
+        lambda header, record: record.update(files={"cases/render.exr": checksum(kept)}),
+    )
+    assert Cache(tmp_path / "cache").get(KEY, tmp_path / "other") is None
+    assert Cache(tmp_path / "cache", secret="").get(KEY, tmp_path / "other") is not None
+    unsigned = Cache(tmp_path / "unsigned", secret="")
+    unsigned.put(KEY, outcome(), report, names)
+    assert Cache(tmp_path / "unsigned").get(KEY, tmp_path / "other") is None
 
 
 def test_errors_are_not_kept(cache, report, tmp_path):

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar, get_args
@@ -366,6 +367,48 @@ def test_what_the_machine_did_is_no_verdict_and_is_run_again(judges, suite, fold
     judges.judged = []
     run_suite(suite, tmp_path / "another", cache=cache)
     assert judges.judged == ["b"]
+
+
+@pytest.mark.parametrize("how", ["a name above", "a link to a folder", "a link to a file"])
+def test_no_file_of_a_shard_leads_outside_of_its_folder(judges, suite, folder, tmp_path, how):
+    part, secret = tmp_path / "part", tmp_path / "secret"
+    run_suite(suite, part, shard=(1, 1))
+    secret.mkdir()
+    (secret / "copy").write_bytes((part / "cases" / "b" / "copy").read_bytes())
+    if how == "a name above":
+        past = journal.read(part)
+        entries = [
+            journal.Entry(
+                each.record, {name.replace("cases/b", "../secret"): sum_ for name, sum_ in each.sums.items()}
+            )
+            for each in past.entries
+        ]
+        with journal.Journal(part, past.header, entries):
+            pass
+    elif how == "a link to a folder":
+        (part / "cases" / "b").rename(part / "away")
+        (part / "cases" / "b").symlink_to(secret)
+    else:
+        (part / "cases" / "b" / "copy").unlink()
+        (part / "cases" / "b" / "copy").symlink_to(secret / "copy")
+    with (
+        warnings.catch_warnings(),
+        pytest.raises(MrmError, match=r"cases are not done|leads outside of the shard"),
+    ):
+        warnings.simplefilter("ignore", MrmWarning)
+        merge([part], folder)
+    assert not (folder / "report.json").exists()
+
+
+@pytest.mark.parametrize("missing", ["suite", "shard", "conditions", "keys", "environment"])
+def test_a_journal_whose_first_line_lacks_something_is_none(judges, suite, folder, missing):
+    run_suite(suite, folder)
+    lines = (folder / journal.NAME).read_bytes().splitlines(keepends=True)
+    header = journal.parsed(lines[0].rstrip(b"\n"))
+    del header[missing]
+    (folder / journal.NAME).write_bytes(b"".join([journal.line_with_sum(header), *lines[1:]]))
+    with pytest.warns(MrmWarning, match="cannot be read; every case is run again"):
+        assert journal.read(folder) is None
 
 
 def test_a_disk_that_is_full_ends_the_run_though_what_failed_left_room(judges, suite, folder):

@@ -105,6 +105,9 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
 )
 @click.option("--retry-errors", is_flag=True, help="As --resume, and run again whatever ended in an error.")
 @click.option("--cache", "cache_folder", type=Path, help="Folder of known results.  [default: this user's]")
+@click.option(
+    "--link", is_flag=True, help="Let report and cache share files as hard links, which copies nothing."
+)
 @click.option("--no-cache", is_flag=True, help="Render every case, and keep no results.")
 @click.option("--shard", callback=parse_shard, metavar="I/N", help="Run only part I of N; see `merge`.")
 @click.option(
@@ -126,6 +129,7 @@ def regress(
     resume: bool,
     retry_errors: bool,
     cache_folder: Path | None,
+    link: bool,
     no_cache: bool,
     shard: tuple[int, int],
     address: str | None,
@@ -146,7 +150,7 @@ def regress(
     click.get_current_context().with_resource(terminal.each_warning_once())
     _prepare(folder, json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
-    known = None if no_cache else cache.Cache(cache_folder or cache.default_folder())
+    known = None if no_cache else cache.Cache(cache_folder or cache.default_folder(), link=link)
     _remove(json_file, junit)
     try:
         with contextlib.ExitStack() as stack:

@@ -106,7 +106,11 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
     with tempfile.TemporaryDirectory() as folder:
         start, cpu, children = time.perf_counter(), time.process_time(), _children()
         report = run_suite(
-            tasks, Path(folder), backend, jobs, cache=None if cache is None else Cache(cache, 1 << 40)
+            tasks,
+            Path(folder),
+            backend,
+            jobs,
+            cache=None if cache is None else Cache(cache, 1 << 40, link=True),
         )
         whole = time.perf_counter() - start
     environment = report["environment"]

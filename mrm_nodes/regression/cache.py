@@ -1,22 +1,30 @@
 """Results by what they depend on, so that a case whose inputs did not change is not rendered again.
 
-An entry is a folder: the outcome, a line with its checksum as the journal has it, and the case's files. They are
-hard links to the report's where the file system allows it, so that neither keeping nor giving them copies anything.
+An entry is a folder: a line that says which case it is of, the outcome, a line with its checksum as the journal has it,
+and the case's files. Whoever can write to the folder decides what passes; with a secret, only who knows that.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import hashlib
+import hmac
 import os
 import shutil
-import tempfile
+import stat
+import time
+import uuid
 import warnings
+import zlib
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from mrm_nodes import cachefolder
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.journal import Entry, Sums, checksum, entry_for, entry_of, line_of
-from mrm_nodes.regression.outcome import Outcome
+from mrm_nodes.regression.journal import Entry, Sums, entry_for, entry_of, line_of, line_with_sum, parsed
+from mrm_nodes.regression.outcome import Outcome, Task, plain
 
 LIMIT = 4 << 30
 """Bytes that a cache may take; the entries that were used longest ago go first."""
@@ -24,7 +32,13 @@ LIMIT = 4 << 30
 CACHED = ("pass", "fail", "undecided")
 """Verdicts that are worth keeping: an error may have had its cause in the machine."""
 
+SECRET_VARIABLE = "MRM_CACHE_SECRET"
+"""Signs entries, and has only those used that it signed: for a cache that others can write to."""
+
 _OUTCOME = "outcome"
+_PIECE = 1 << 16
+_UNFINISHED = 86_400.0
+"""Seconds after which nobody still writes an entry."""
 
 
 def default_folder() -> Path:
@@ -39,43 +53,72 @@ def default_folder() -> Path:
     return folder / "results"
 
 
+class _Missing(Exception):
+    """An entry, or a file of it, is not there or is not what was put in."""
+
+
 class Cache:
     """A folder of results by their keys; see `inputs.key`. A fault in it costs time, never a run.
 
     Args:
-        folder: made with the first entry.
+        folder: made with the first entry. Its modes follow the umask, so that a group can share it.
         limit: bytes that it may take after `prune`.
+        link: whether its files may be the report's own, as hard links: nothing is copied, and who edits one edits both.
+        secret: see `SECRET_VARIABLE`.
     """
 
-    def __init__(self, folder: Path, limit: int = LIMIT) -> None:
-        self._folder, self._limit = folder, limit
+    def __init__(
+        self, folder: Path, limit: int = LIMIT, link: bool = False, secret: str | None = None
+    ) -> None:
+        self._folder, self._limit, self._link = folder, limit, link
+        self._secret = (os.environ.get(SECRET_VARIABLE, "") if secret is None else secret).encode()
         self._works = True
         self._added = False
 
-    def get(self, key: str, folder: Path) -> tuple[Entry, bytes] | None:
+    def get(
+        self, key: str, folder: Path, task: Task | None = None, backend: str = ""
+    ) -> tuple[Entry, bytes] | None:
         """Put a result's files below a folder and return the result, and its line of a journal; None if there is none.
 
-        Warns (MrmWarning) of an entry that is damaged, and removes it.
+        Warns (MrmWarning) of an entry that is damaged or another case's, and removes it.
+
+        Args:
+            task, backend: whose result it has to be.
 
         Raises:
             OSError: the files cannot be written.
         """
         place = self._place(key)
         try:
-            line = (place / _OUTCOME).read_bytes()
-        except OSError:  # there is none, or none that can be read
+            about, line = _read(place / _OUTCOME).splitlines(keepends=True)
+        except (_Missing, ValueError):
+            about, line = b"", b""
+        if not line and not place.exists():
             return None
         entry = entry_of(line.rstrip(b"\n"))
-        if entry is None or not _is_intact(place, entry.sums):
-            warnings.warn(
-                f"{place}: the cached result is damaged; the case is run again", MrmWarning, stacklevel=2
-            )
-            shutil.rmtree(place, ignore_errors=True)
+        header = parsed(about.rstrip(b"\n"))
+        if self._secret and not self._is_signed(about, line):
+            return None
+        try:
+            if (
+                entry is None
+                or header is None
+                or header.get("key") != key
+                or not _is_of(entry, task, backend)
+            ):
+                raise _Missing
+            digests = header["digests"] if self._secret else [None] * len(entry.sums)
+            for number, (name, sum_) in enumerate(entry.sums.items()):
+                self._give(place / str(number), folder / name, sum_, digests[number])
+        except (_Missing, KeyError, IndexError, TypeError):
+            if (place / _OUTCOME).exists():  # else it was evicted meanwhile
+                warnings.warn(
+                    f"{place}: the cached result is damaged; the case is run again", MrmWarning, stacklevel=2
+                )
+                _remove(place)
             return None
         with contextlib.suppress(OSError):
             os.utime(place / _OUTCOME)
-        for number, name in enumerate(entry.sums):
-            _link(f"{place}/{number}", f"{folder}/{name}")
         return entry, line
 
     def put(self, key: str, outcome: Outcome, folder: Path, sums: Sums) -> None:
@@ -85,15 +128,25 @@ class Cache:
         place = self._place(key)
         try:
             place.parent.mkdir(parents=True, exist_ok=True)
-            unfinished = Path(tempfile.mkdtemp(dir=place.parent, prefix="."))
+            unfinished = _hidden(place)
+            unfinished.mkdir()
             try:
-                for number, name in enumerate(sums):
-                    _link(f"{folder}/{name}", f"{unfinished}/{number}")
-                (unfinished / _OUTCOME).write_bytes(line_of(entry_for(outcome, sums)))
+                digests = [
+                    self._keep(folder / name, unfinished / str(number)) for number, name in enumerate(sums)
+                ]
+                line = line_of(entry_for(outcome, sums))
+                header: dict[str, Any] = {"key": key, "name": outcome.name, "backend": outcome.backend}
+                if self._secret:
+                    header |= {"digests": digests}
+                    header |= {"signature": self._signature(line_with_sum(header), line)}
+                (unfinished / _OUTCOME).write_bytes(line_with_sum(header) + line)
                 # An earlier entry was not good enough to be used.
-                shutil.rmtree(place, ignore_errors=True)
-                with contextlib.suppress(FileExistsError):  # another run was quicker
+                _remove(place)
+                try:
                     unfinished.rename(place)
+                except OSError as error:
+                    if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # another run was quicker
+                        raise
             finally:
                 shutil.rmtree(unfinished, ignore_errors=True)
             self._added = True
@@ -108,41 +161,105 @@ class Cache:
         if not self._added:
             return
         with contextlib.suppress(OSError):
-            found = [
-                (
-                    (place / _OUTCOME).stat().st_mtime_ns,
-                    sum(file.stat().st_size for file in place.iterdir()),
-                    place,
-                )
-                for place in self._folder.glob("??/[!.]*")
-            ]
-            size = sum(each for _, each, _ in found)
-            for _, each, place in sorted(found):
-                if size <= self._limit:
-                    return
-                shutil.rmtree(place, ignore_errors=True)
-                size -= each
+            for left in self._folder.glob("??/.*"):
+                if left.lstat().st_mtime < time.time() - _UNFINISHED:
+                    shutil.rmtree(left, ignore_errors=True)
+        found = sorted(self._entries())
+        size = sum(each for _, each, _ in found)
+        for _, each, place in found:
+            if size <= self._limit:
+                return
+            _remove(place)
+            size -= each
+
+    def _entries(self) -> Iterator[tuple[int, int, Path]]:
+        """When each was used last, its bytes, and its folder; those that go meanwhile are left out."""
+        for place in self._folder.glob("??/[!.]*"):
+            with contextlib.suppress(OSError):
+                size = sum(file.lstat().st_size for file in place.iterdir())
+                yield (place / _OUTCOME).stat().st_mtime_ns, size, place
 
     def _place(self, key: str) -> Path:
         return self._folder / key[:2] / key
 
+    def _signature(self, header: bytes, line: bytes) -> str:
+        return hmac.new(self._secret, header + line, hashlib.sha256).hexdigest()
 
-def _is_intact(place: Path, sums: Sums) -> bool:
+    def _is_signed(self, about: bytes, line: bytes) -> bool:
+        header = parsed(about.rstrip(b"\n")) or {}
+        signature = header.pop("signature", None)
+        expected = self._signature(line_with_sum(header), line)
+        return isinstance(signature, str) and hmac.compare_digest(signature.encode(), expected.encode())
+
+    def _keep(self, source: Path, target: Path) -> str:
+        """Put a report's file into an entry, and return its digest, where there is a secret."""
+        contents = source.read_bytes() if self._secret else b""
+        if not (self._link and _linked(source, target)):
+            shutil.copyfile(source, target)
+        return hashlib.sha256(contents).hexdigest() if self._secret else ""
+
+    def _give(self, source: Path, target: Path, sum_: Sequence[int], digest: str | None) -> None:
+        """Put an entry's file in a report, in place of whatever is there, as it was put in."""
+        contents = _read(source)
+        if [len(contents), zlib.crc32(contents)] != sum_:
+            raise _Missing
+        if digest is not None and hashlib.sha256(contents).hexdigest() != digest:
+            raise _Missing
+        target.parent.mkdir(parents=True, exist_ok=True)
+        # Not into what is there, which may be a link, or another case's file.
+        target.unlink(missing_ok=True)
+        if not (self._link and _linked(source, target)):
+            target.write_bytes(contents)
+
+
+def _is_of(entry: Entry, task: Task | None, backend: str) -> bool:
+    """Whether a result is a task's."""
+    if task is None:
+        return True
+    expected = {
+        "name": task.name,
+        "kind": task.kind,
+        "node": task.node,
+        "target": task.target,
+        "backend": backend,
+        "setup": plain(task.describe()),
+    }
+    return all(entry.record[name] == value for name, value in expected.items())
+
+
+def _read(file: Path) -> bytes:
+    """The contents of an ordinary file that is no link.
+
+    Raises:
+        _Missing: there is none, or it cannot be read.
+    """
     try:
-        return all(checksum(f"{place}/{number}") == each for number, each in enumerate(sums.values()))
+        handle = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+        with os.fdopen(handle, "rb") as opened:
+            if not stat.S_ISREG(os.fstat(handle).st_mode):
+                raise _Missing
+            return opened.read()
+    except OSError:
+        raise _Missing from None
+
+
+def _linked(source: Path, target: Path) -> bool:
+    """Make a hard link, where the file systems allow it."""
+    try:
+        os.link(source, target, follow_symlinks=False)
     except OSError:
         return False
+    return True
 
 
-def _link(source: str, target: str) -> None:
-    """Put a file in place of whatever is there, as a link or, on another file system, as a copy."""
-    try:
-        os.link(source, target)
-    except FileExistsError:
-        os.unlink(target)  # noqa: PTH108
-        _link(source, target)
-    except FileNotFoundError:
-        os.makedirs(os.path.dirname(target))  # noqa: PTH103, PTH120
-        _link(source, target)
-    except OSError:
-        shutil.copyfile(source, target)
+def _hidden(place: Path) -> Path:
+    """A name beside an entry's that no reader looks at, and no other run has."""
+    return place.with_name(f".{uuid.uuid4().hex}")
+
+
+def _remove(place: Path) -> None:
+    """Remove an entry: it goes at once, so that nobody reads half of it."""
+    hidden = _hidden(place)
+    with contextlib.suppress(OSError):
+        place.rename(hidden)
+        shutil.rmtree(hidden, ignore_errors=True)

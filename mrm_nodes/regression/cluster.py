@@ -22,6 +22,7 @@ from typing import Any
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import inputs
 from mrm_nodes.regression.executors import Judged, Lost, WorkerProcess, estimate
+from mrm_nodes.regression.journal import is_inside
 from mrm_nodes.regression.outcome import (
     Outcome,
     Task,
@@ -177,6 +178,10 @@ def run_on(
                     continue
                 folder = scratch / "arrived"
                 for name, data in answer.files.items():
+                    if not is_inside(name):
+                        raise MrmError(
+                            f"a worker sent a file {name!r}, which leads outside of the report's folder"
+                        )
                     target = folder / name
                     target.parent.mkdir(parents=True, exist_ok=True)
                     target.write_bytes(data)

@@ -82,7 +82,7 @@ class Journal:
 
     def __init__(self, folder: Path, header: Mapping[str, Any], entries: Sequence[Entry]) -> None:
         self._path = folder / NAME
-        lines = [_line({**header, "format": FORMAT}), *(line_of(each) for each in entries)]
+        lines = [line_with_sum({**header, "format": FORMAT}), *(line_of(each) for each in entries)]
         # Written anew, so that a torn last line is gone before the next one is added.
         write_text(self._path, b"".join(lines).decode())
         try:
@@ -119,8 +119,8 @@ def read(folder: Path) -> Past | None:
         lines = path.read_bytes().split(b"\n")
     except OSError:
         return None
-    header = _parsed(lines[0])
-    if header is None or header.get("format") != FORMAT:
+    header = parsed(lines[0])
+    if header is None or header.get("format") != FORMAT or not _is_header(header):
         warnings.warn(f"{path}: cannot be read; every case is run again", MrmWarning, stacklevel=2)
         return None
     entries = [entry_of(line) for line in lines[1:-1]]
@@ -141,26 +141,54 @@ def entry_for(outcome: Outcome, sums: Sums) -> Entry:
 
 def line_of(entry: Entry) -> bytes:
     """An entry as a line with its checksum."""
-    return _line({"outcome": entry.record, "files": entry.sums})
+    return line_with_sum({"outcome": entry.record, "files": entry.sums})
 
 
 def entry_of(line: bytes) -> Entry | None:
-    """What `line_of` wrote, without the end of the line; None if it is damaged."""
-    record = _parsed(line)
-    return None if record is None else Entry(record["outcome"], record["files"])
+    """What `line_of` wrote, without the end of the line; None if it is damaged, or a name leads out of its folder."""
+    record = parsed(line)
+    try:
+        entry = Entry(record["outcome"], record["files"]) if record else None
+        if entry is None or not all(map(_is_sum, entry.sums.values())):
+            return None
+        outcome = entry.outcome
+        names = [*entry.sums, *(each for each in outcome.files.values() if isinstance(each, str))]
+        return entry if all(map(is_inside, names)) else None
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return None
 
 
-def _line(record: Mapping[str, Any]) -> bytes:
+def is_inside(name: str) -> bool:
+    """Whether a relative name stays below the folder that it is relative to, links aside."""
+    parts = name.split("/")
+    return bool(name) and "\0" not in name and "\\" not in name and not {"", ".", ".."} & {*parts}
+
+
+def _is_sum(value: Any) -> bool:
+    return isinstance(value, list) and [type(each) for each in value] == [int, int]
+
+
+def _is_header(header: Mapping[str, Any]) -> bool:
+    form = {"suite": str, "shard": list, "conditions": dict, "keys": dict, "environment": dict}
+    return all(isinstance(header.get(name), kind) for name, kind in form.items()) and _is_sum(header["shard"])
+
+
+def line_with_sum(record: Mapping[str, Any]) -> bytes:
+    """A record as a line with its checksum."""
     text = json.dumps(record).encode()
     return b"%08x %b\n" % (zlib.crc32(text), text)
 
 
-def _parsed(line: bytes) -> dict[str, Any] | None:
+def parsed(line: bytes) -> dict[str, Any] | None:
+    """What `line_with_sum` wrote, without the end of the line; None if it is damaged."""
     sum_, _, text = line.partition(b" ")
     if sum_ != b"%08x" % zlib.crc32(text):
         return None
-    record: dict[str, Any] = json.loads(text)
-    return record
+    try:
+        record = json.loads(text)
+    except (ValueError, RecursionError):
+        return None
+    return record if isinstance(record, dict) else None
 
 
 @contextmanager

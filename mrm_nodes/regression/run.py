@@ -298,7 +298,8 @@ class _Run:
         found = 0
         for backend in self._plan.drivers:
             for task in self.waiting(backend):
-                known = self._cache.get(self._keys[f"{backend} {task.name}"], self._folder)
+                key = self._keys[f"{backend} {task.name}"]
+                known = self._cache.get(key, self._folder, task, backend)
                 if known is not None:
                     found += 1
                     entry, line = known
@@ -396,6 +397,11 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[st
                         f"{part}: files of {entry.record['name']} were changed or removed; run it with --resume"
                     )
                 for name in entry.sums:
+                    # Its names are sound; its folders may be links.
+                    if not (part / name).resolve().is_relative_to(part.resolve()):
+                        raise MrmError(
+                            f"{part}: {name} leads outside of the shard's folder; run the shard again"
+                        )
                     (folder / name).parent.mkdir(parents=True, exist_ok=True)
                     shutil.copyfile(part / name, folder / name)
                 records[_name(entry.record)] = entry.record

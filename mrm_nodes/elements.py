@@ -201,7 +201,7 @@ def _listed(names: Iterable[str]) -> str:
 
 def _check_port(port: mx.Input | mx.Output, place: str) -> None:
     text = port.getValueString()
-    if text and port.getType() in _NUMBERS and not _is_number(port):
+    if text and port.getType() in _NUMBERS and not _is_number(port, place):
         raise MrmError(f"{place}: {text} is not {_NUMBERS[port.getType()]}")
     source = port.getAttribute("nodename") or port.getAttribute("nodegraph")
     # Generation would go on without it, or end in the compiler. Other complaints it can live with.
@@ -222,17 +222,24 @@ def _check_port(port: mx.Input | mx.Output, place: str) -> None:
         _warn_of_clamping(port, place)
 
 
-def _is_number(port: mx.Input | mx.Output) -> bool:
+def _is_number(port: mx.Input | mx.Output, place: str) -> bool:
     """Whether a value is what its type says; MaterialX itself takes `0,5` for 0 and `1x` for 1."""
     if port.getValue() is None:
         return False
     kind, text = port.getType(), port.getValueString()
     if kind == "boolean":
         return True
-    numbers = text.replace(",", " ").split() if kind not in ("float", "integer") else [text.strip()]
-    return all(_NUMBER.fullmatch(number) for number in numbers) and (
-        kind != "integer" or float(text).is_integer()
-    )
+    if kind in ("float", "integer"):
+        number = text.strip()
+        return bool(_NUMBER.fullmatch(number)) and (kind == "float" or float(number).is_integer())
+    for number in text.replace(",", " ").split():
+        read = _NUMBER.match(number)
+        if read is None:
+            return False
+        # Among several it is clear which number is meant, and MaterialX's own documents have such.
+        if read[0] != number:
+            warnings.warn(f"{place}: {number} is read as {read[0]}", MrmWarning, stacklevel=5)
+    return True
 
 
 def _warn_of_clamping(port: mx.Input, place: str) -> None:

@@ -11,7 +11,7 @@ import mrm_nodes
 from mrm_nodes import cycles, library
 from mrm_nodes.documents import parse_document, read_document
 from mrm_nodes.elements import find_renderable, used_by
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression.suitefile import load
 from mrm_nodes.shadergen import generate_shader, supported_targets
 
@@ -194,6 +194,15 @@ def test_a_number_in_any_form_that_materialx_reads_is_one(tmp_path: Path, text: 
 def test_numbers_are_parted_by_commas_or_spaces(tmp_path: Path, text: str):
     body = surface(f'<input name="base_color" type="color3" value="{text}" />')
     assert generate_shader(written(tmp_path, body)).pixel
+
+
+def test_what_follows_one_of_several_numbers_is_left_out_with_a_warning(tmp_path: Path):
+    file = written(tmp_path, surface('<input name="base_color" type="color3" value="0.1, 0.5.0, 1" />'))
+    with pytest.warns(MrmWarning, match=r"s/base_color: 0\.5\.0 is read as 0\.5$"):
+        assert generate_shader(file).pixel
+    for text in ("0,1, 0,5, 0,2", "0.1, x, 0.2", "0.1, 0.2"):
+        file = written(tmp_path, surface(f'<input name="base_color" type="color3" value="{text}" />'))
+        assert f"s/base_color: {text} is not 3 finite numbers" in fault_of(file)
 
 
 def test_a_whole_number_may_have_a_point_and_no_fraction(tmp_path: Path):

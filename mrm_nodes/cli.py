@@ -194,7 +194,11 @@ def render(
     "--libraries", type=Path, help="MaterialX `libraries` folder, in place of the installed MaterialX's."
 )
 @click.option("--check", is_flag=True, help="Compile what is generated, and print a table.")
-@click.option("--strict", is_flag=True, help="Stop where the target ignores an input that the material sets.")
+@click.option(
+    "--strict",
+    is_flag=True,
+    help="Stop where the target ignores what the material sets: an input, or a colour space.",
+)
 @external_option
 def generate(
     file: Path,
@@ -216,7 +220,7 @@ def generate(
         raise MrmError("name a folder for the shader's files with -o, or say --check")
     targets = shadergen.supported_targets() if target is None else [target]
     document = documents.read_document(file, libraries, allow_external)
-    _say_what_is_ignored(document, file, targets, environment, libraries, strict)
+    _say_what_is_ignored(document, file, element, targets, environment, libraries, strict)
     options: dict[str, Any] = {
         "environment": environment,
         "libraries": libraries,
@@ -233,9 +237,16 @@ def generate(
 
 
 def _say_what_is_ignored(
-    document: Any, file: Path, targets: list[str], environment: str, libraries: Path | None, strict: bool
+    document: Any,
+    file: Path,
+    element: str | None,
+    targets: list[str],
+    environment: str,
+    libraries: Path | None,
+    strict: bool,
 ) -> None:
-    from mrm_nodes import limits, shadergen
+    from mrm_nodes import limits, shadergen, values
+    from mrm_nodes.documents import find_renderable
 
     ignored: dict[str, None] = {}
     for target in targets:
@@ -243,6 +254,8 @@ def _say_what_is_ignored(
         ignored.update(dict.fromkeys(limits.ignored_inputs(document, name, environment, libraries)))
         for message in limits.honoured_inputs(document, name, libraries):
             click.echo(f"{file}: {message}", err=True)
+    settled = values.settle(document, find_renderable(document, str(file), element), str(file))
+    ignored |= dict.fromkeys(settled.foreign)
     if strict and ignored:
         raise MrmError(f"{file}: {'; '.join(ignored)}")
     for message in ignored:

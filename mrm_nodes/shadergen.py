@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import importlib
 import os
 import pkgutil
 import re
 import warnings
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import filenames, library, mdl
+from mrm_nodes import filenames, library, mdl, units, values
 from mrm_nodes.documents import one_line, read_document
 from mrm_nodes.elements import check_document, find_renderable, used_by
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
@@ -51,6 +52,8 @@ class Shader:
     mx: Any  # MaterialX.PyMaterialXGenShader.Shader
     document: mx.Document  # the shader's uniforms refer to its elements
     search_path: tuple[Path, ...]  # folders in which textures are looked for, in this order
+    spaces: Mapping[str, str] = field(default_factory=dict)  # by path of an input: see values.Settled
+    sampling: Mapping[str, Any] = field(default_factory=dict)  # how images are read, where no uniform says it
 
 
 def supported_targets() -> list[str]:
@@ -159,6 +162,10 @@ def generate_shader(
     is_hardware = isinstance(generator, mx_gen_shader.HwShaderGenerator)
     transparent = is_hardware and may_be_transparent(renderable, generator.getTarget(), varying)
     document, renderable = named_for_code(document, renderable)
+    settled = values.settle(document, renderable, where)
+    for note in settled.unapplied:
+        warnings.warn(f"{where}: {note}", MrmWarning, stacklevel=2)
+    document, renderable = settled.document, settled.document.getDescendant(renderable.getNamePath())
     if target == "mdl":
         path = renderable.getNamePath()
         document, _ = mdl.prepared(document, libraries)
@@ -190,9 +197,20 @@ def generate_shader(
             mx_gen_shader.HwShaderGenerator.bindLightShader(definition, number, context)
 
     name = mx.createValidName(renderable.getNamePath().replace("/", "_"))
+    converting = (
+        units.unit_system(generator, context, settled.definitions)
+        if settled.definitions is not None
+        else contextlib.nullcontext()
+    )
+    sampling: dict[str, Any] = {}
     try:
         generator.registerTypeDefs(document)
-        shader = generator.generate(name, renderable, context)
+        with converting:
+            shader = generator.generate(name, renderable, context)
+            if interface == "reduced":
+                # That leaves out what is no part of the code: how images are read.
+                options.shaderInterfaceType = mx_gen_shader.ShaderInterfaceType.SHADER_INTERFACE_COMPLETE
+                sampling = _sampling(generator.generate(name, renderable, context))
     except Exception as error:  # MaterialX's own exception types differ between versions
         reason = _without_implementation(renderable, generator.getTarget()) or one_line(error)
         raise MrmError(f"{where}: {target} shader of {renderable.getNamePath()}: {reason}") from None
@@ -204,6 +222,8 @@ def generate_shader(
         mx=shader,
         document=document,
         search_path=tuple(filenames.image_folders(folder)),
+        spaces=settled.spaces,
+        sampling=sampling,
     )
 
 
@@ -213,6 +233,20 @@ def _undrawn(element: mx.Element) -> list[str]:
         return []
     names = [port.getName() for port in element.getInputs() if port.getConnectedNode() is not None]
     return [name.removesuffix("shader") for name in names if name != "surfaceshader"]
+
+
+def _sampling(shader: Any) -> dict[str, Any]:
+    """The values beside each image's file, by the names of their uniforms."""
+    block = shader.getStage("pixel").getUniformBlocks().get("PublicUniforms")
+    ports = [] if block is None else [block[index] for index in range(block.size())]
+    stems = {
+        port.getVariable().rpartition("_")[0] for port in ports if port.getType().getName() == "filename"
+    }
+    return {
+        port.getVariable(): port.getValue().getData()
+        for port in ports
+        if port.getValue() is not None and port.getVariable().rpartition("_")[0] in stems
+    }
 
 
 def _knowing_environment(source: str, environment: str) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import MaterialX as mx
 
+from mrm_nodes import colorspaces, values
 from mrm_nodes.elements import descendant
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.material import CHANNELS, NODES, Value
@@ -126,6 +127,7 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     copy.copyContentFrom(document)
     copy.setDataLibrary(document.getDataLibrary())
     copy.setSourceUri(document.getSourceUri())
+    values.make_explicit(copy)
     flattened = _flatten(copy)
     top = descendant(copy, element)
     if top is None and flattened:
@@ -174,6 +176,7 @@ def _flatten(document: mx.Document) -> bool:
         implementation = node.getImplementation("genglsl")
         if isinstance(implementation, mx.NodeGraph):
             replaced.append(node.getName())
+        values.convert_units(node)
         return True
 
     for graph in [document, *document.getNodeGraphs()]:
@@ -288,12 +291,13 @@ class _Reader:
     def port(self, node: mx.Node, name: str) -> Port:
         """What an input of a node is given."""
         declared = node.getNodeDef().getActiveInput(name)
-        port = node.getInput(name)
-        port = None if port is None else _outermost(port)
+        given = node.getInput(name)
+        port = None if given is None else _outermost(given)
         if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):
             return self._driven(port)
         if port is not None and port.getValue() is not None:
-            return self._decoded(port) if _is_coded(port) else plain_value(port)
+            space = values.space_of(given) if port.getType() == "color3" else ""
+            return plain_value(port) if colorspaces.is_linear(space) else self._decoded(port, space)
         if declared.getAttribute("defaultgeomprop"):
             return None
         return plain_value(declared)
@@ -316,15 +320,15 @@ class _Reader:
             self.outputs[key] = Driven(output.getNamePath(), CHANNELS.get(kind, 0))
         return self.outputs[key]
 
-    def _decoded(self, port: mx.Input) -> Driven:
+    def _decoded(self, port: mx.Input, space: str) -> Driven:
         """A value that generation decodes, such as one in sRGB: shown through a `constant` node."""
-        key = (port.getNamePath(),)
+        key = (port.getNamePath(), space)
         if key not in self.outputs:
             number = len(self.outputs)
             constant = self.document.addNode("constant", f"{_OUTPUT}{number}_value", port.getType())
             value = constant.addInput("value", port.getType())
             value.setValueString(port.getValueString())
-            value.setColorSpace(port.getActiveColorSpace())
+            value.setColorSpace(space)
             output = self.document.addOutput(f"{_OUTPUT}{number}", port.getType())
             output.setNodeName(constant.getName())
             self.outputs[key] = Driven(output.getNamePath(), CHANNELS[port.getType()])
@@ -346,11 +350,6 @@ def _outermost(port: mx.Input) -> mx.Input:
             return port
         port = outer
     raise UnknownClosure(f"{port.getNamePath()} is its own interface")
-
-
-def _is_coded(port: mx.Input) -> bool:
-    space = port.getActiveColorSpace()
-    return port.getType() == "color3" and space not in ("", "none", "lin_rec709", "linear", "raw")
 
 
 def plain_value(port: mx.Input) -> Value:

@@ -11,7 +11,7 @@ from typing import Any
 import MaterialX as mx
 import numpy as np
 
-from mrm_nodes import filenames
+from mrm_nodes import colorspaces, filenames
 from mrm_nodes.errors import MrmError
 from mrm_nodes.shadergen import Shader
 
@@ -60,6 +60,8 @@ def uniforms_of(shader: Shader, overrides: Mapping[str, Any] | None = None) -> d
             raise MrmError(f"{shader.name}: no uniform {name}; {hint}")
         for uniform in matches:
             given = _override(shader, uniform, value)
+            if uniform.type in ("color3", "color4") and uniform.path in shader.spaces:
+                given = colorspaces.linear(given, shader.spaces[uniform.path]).tolist()
             found[uniform.name] = Uniform(uniform.name, uniform.path, uniform.type, given)
     for uniform in found.values():
         if isinstance(uniform.value, list) and not all(map(math.isfinite, uniform.value)):

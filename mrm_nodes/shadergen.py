@@ -168,7 +168,7 @@ def generate_shader(
     document, renderable = settled.document, settled.document.getDescendant(renderable.getNamePath())
     if target == "mdl":
         path = renderable.getNamePath()
-        document, _ = mdl.prepared(document, libraries)
+        document, _ = mdl.prepared(values.explicit(document), libraries)
         renderable = document.getDescendant(path)
 
     context = mx_gen_shader.GenContext(generator)

@@ -246,30 +246,38 @@ def _settle_unit(port: mx.Input, definitions: mx.Document, edits: _Edits, insert
 def _edited(document: mx.Document, edits: _Edits) -> mx.Document:
     if not (edits.attributes or edits.values or edits.inserted):
         return document
+    copy = _copied(document)
+    edits.apply(copy)
+    return copy
+
+
+def _copied(document: mx.Document) -> mx.Document:
     copy = mx.createDocument()
     copy.copyContentFrom(document)
     copy.setSourceUri(document.getSourceUri())
     if document.hasDataLibrary():
         copy.setDataLibrary(document.getDataLibrary())
-    edits.apply(copy)
     return copy
 
 
-def make_explicit(document: mx.Document) -> None:
-    """Write at each node's input the unit and the colour space that hold there: graphs can then be flattened.
+def explicit(document: mx.Document) -> mx.Document:
+    """Return a copy that has at each node's input the unit and the colour space that hold there.
 
-    A scope's colour space would otherwise reach the values of a definition whose graph comes into it.
+    Its graphs can be flattened: a scope's colour space would otherwise reach the values of a definition whose graph
+    comes into it.
     """
-    definitions = units.unit_definitions(document, library.shared_library())
+    copy = _copied(document)
+    definitions = units.unit_definitions(copy, library.shared_library())
     edits = _Edits()
-    for port in _node_inputs(document):
+    for port in _node_inputs(copy):
         if port.getType() in (*_COLORS, "filename") and space_of(port):
             edits.set(port, colorspace=space_of(port))
         _settle_unit(port, definitions, edits, insert=False)
-    for element in (document, *document.traverseTree()):
+    for element in (copy, *copy.traverseTree()):
         if not isinstance(element, mx.ValueElement):
             element.removeAttribute("colorspace")
-    edits.apply(document)
+    edits.apply(copy)
+    return copy
 
 
 def convert_units(node: mx.Node) -> None:

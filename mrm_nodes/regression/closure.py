@@ -123,11 +123,7 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     Raises:
         UnknownClosure: it has a part that the evaluator does not know.
     """
-    copy = mx.createDocument()
-    copy.copyContentFrom(document)
-    copy.setDataLibrary(document.getDataLibrary())
-    copy.setSourceUri(document.getSourceUri())
-    values.make_explicit(copy)
+    copy = values.explicit(document)
     flattened = _flatten(copy)
     top = descendant(copy, element)
     if top is None and flattened:

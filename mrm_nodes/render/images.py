@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,25 +13,31 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.render import imagelayers
 
 
-def read_image(path: str | os.PathLike[str]) -> NDArray[np.float32]:
+def read_image(path: str | os.PathLike[str], layer: str = "") -> NDArray[np.float32]:
     """Read an image as float32 of shape (height, width, channels), row 0 at the top; 8 bits become 0..1.
 
-    Alpha stays as stored: colours are not multiplied with it.
+    Alpha stays as stored: colours are not multiplied with it. Of an EXR with layers it is the one with the colours
+    (MrmWarning where that is a choice), in its display window. An orientation that a camera noted is not applied.
+
+    Args:
+        layer: the layer's name, where it is not to be chosen.
 
     Raises:
-        MrmError: the file is missing, truncated, or in no format that OpenImageIO knows.
+        MrmError: the file is missing, truncated, in no format that OpenImageIO knows, or no picture (a deep image);
+            no such layer.
     """
-    return np.asarray(read_pixels(path, oiio.FLOAT), dtype=np.float32)
+    return np.asarray(read_pixels(path, oiio.FLOAT, layer), dtype=np.float32)
 
 
-def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN) -> NDArray[Any]:
+def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN, layer: str = "") -> NDArray[Any]:
     """Read an image as `read_image` does, but in the number format `kind`, by default the file's own.
 
     Raises:
-        MrmError: the file is missing, truncated, or in no format that OpenImageIO knows.
+        MrmError: as `read_image`.
     """
     file = Path(path)
     if not file.is_file():
@@ -41,13 +48,28 @@ def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN) -> NDArr
     if source is None:
         raise MrmError(f"{file}: not an image that can be read: {_message(complaint_of(oiio.geterror))}")
     try:
-        pixels = source.read_image(kind)
+        layers = imagelayers.layers_of(source)
+        chosen = imagelayers.choose_layer(layers, str(file), layer)
+        source.seek_subimage(chosen.part, 0)
+        spec = source.spec()
+        if source.format_name() == "openexr":
+            imagelayers.check_shown(spec, str(file))
+        wanted = imagelayers.number_format(spec, chosen.channels) if kind == oiio.UNKNOWN else kind
+        first, last = min(chosen.channels), max(chosen.channels) + 1
+        pixels = source.read_image(chosen.part, 0, first, last, wanted)
         # Some formats fill in what a truncated file lacks, and only leave a message.
         complaint = complaint_of(source.geterror)
     finally:
         source.close()
     if pixels is None or complaint:
         raise MrmError(f"{file}: the image is damaged or truncated: {_message(complaint)}")
+    pixels = np.asarray(pixels)[:, :, [channel - first for channel in chosen.channels]]
+    if source.format_name() == "openexr":
+        pixels = imagelayers.shown(pixels, spec)
+    if len(layers) > 1 and not layer and (chosen.name or not chosen.is_color):
+        names = ", ".join(each.name or "the one without a name" for each in layers if each is not chosen)
+        message = f"{file}: shown is its layer {chosen.name or '(without a name)'}, and not {names}"
+        warnings.warn(message, MrmWarning, stacklevel=2)
     return np.ascontiguousarray(pixels)
 
 

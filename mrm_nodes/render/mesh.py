@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -105,6 +105,36 @@ class Mesh:
     def radius(self) -> float:
         """Radius of the sphere about `center` that holds every vertex."""
         return float(np.linalg.norm(self.positions - np.array(self.center), axis=1).max())
+
+    @functools.cached_property
+    def tiles(self) -> Mapping[tuple[int, int], Mesh]:
+        """The triangles of each tile of texture coordinates, by column and row, as MaterialX's `Mesh.splitByUdims`.
+
+        A triangle is of the tile in which its smallest u and v lie.
+        """
+        corners = self.texcoords[self.indices].min(axis=1)
+        columns_and_rows, numbers = np.unique(np.floor(corners).astype(int), axis=0, return_inverse=True)
+        return {
+            (int(column), int(row)): self._part(self.indices[numbers.ravel() == number])
+            for number, (column, row) in enumerate(columns_and_rows)
+        }
+
+    def _part(self, triangles: NDArray[Any]) -> Mesh:
+        used, indices = np.unique(triangles, return_inverse=True)
+
+        def picked(data: Any) -> Any:
+            return None if data is None else data[used]
+
+        return replace(
+            self,
+            indices=indices.reshape(-1, 3),
+            **{
+                name: picked(getattr(self, name))
+                for name in ("positions", "normals", "tangents", "texcoords", "colors", "bitangent_signs")
+            },
+            geomprops={name: data[used] for name, data in self.geomprops.items()},
+            sets={name: data[used] for name, data in self.sets.items()},
+        )
 
 
 def _on_grid(columns: int, rows: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:

@@ -18,6 +18,7 @@ import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from mrm_nodes import filenames
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.checks import CHECK_VARIABLE, check_draw
 from mrm_nodes.render.context import GLContext, get_context
@@ -261,11 +262,15 @@ class Renderer:
             started = time.perf_counter()
             program, is_new = self._program(shader, mesh_stages(shader.vertex, shader.pixel))
             textures = self._upload(shader, program, values, view_projection, camera, lights, environment)
-            array = self._vertex_array(program, mesh, shader)
+            images = _images(shader, program, values)
+            parts = _parts_of(mesh, images)
+            _warn_of_missing_tiles(images, parts, mesh)
             if is_new:
                 # Drivers compile the second half of a program when it first draws.
                 target = self._begin((width, height), program.targets, depth_test=True)
-                self._draw(program, array, target, textures, moderngl.TRIANGLES, 3)
+                first = self._vertex_array(program, mesh, shader)
+                read = self._with_images(textures, images, next(iter(parts)))
+                self._draw(program, first, target, read, moderngl.TRIANGLES, 3)
             compiled = time.perf_counter()
             target = self._begin((width, height), program.targets, depth_test=True)
             state = _USUAL
@@ -274,7 +279,11 @@ class Renderer:
                 state = _SAME_DEPTH
                 # The two may share a program.
                 textures = self._upload(shader, program, values, view_projection, camera, lights, environment)
-            self._draw_surface(program, array, target, textures, state)
+            self._draw_surface(
+                program,
+                lambda given: self._draw_parts(shader, program, parts, images, textures, target, given),
+                state,
+            )
             (image, _), (position, covered), (normal, u), (tangent, v) = map(
                 target.read_split, range(TARGETS)
             )
@@ -300,23 +309,37 @@ class Renderer:
     def _draw_surface(
         self,
         program: _Program,
-        array: moderngl.VertexArray,
-        target: _Target,
-        textures: Mapping[str, moderngl.Texture],
+        draw: Callable[[State], None],
         state: State,
     ) -> None:
         """Draw a mesh into the target that was begun: opaque, or in the two passes of MaterialX's viewer."""
         if ALPHA_THRESHOLD not in program.uniforms:
-            self._draw(program, array, target, textures, moderngl.TRIANGLES, state=state)
+            draw(state)
             return
         ctx = self._gl.ctx
         program.uniforms[ALPHA_THRESHOLD].value = _OPAQUE
-        self._draw(program, array, target, textures, moderngl.TRIANGLES, state=state)
+        draw(state)
         program.uniforms[ALPHA_THRESHOLD].value = _VISIBLE
         ctx.enable(moderngl.BLEND)
         ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
-        self._draw(program, array, target, textures, moderngl.TRIANGLES, state={**state, **_BLENDING})
+        draw({**state, **_BLENDING})
         ctx.disable(moderngl.BLEND)
+
+    def _draw_parts(
+        self,
+        shader: Shader,
+        program: _Program,
+        parts: Mapping[filenames.Tile, Mesh],
+        images: Mapping[str, _Image],
+        textures: Mapping[str, moderngl.Texture],
+        target: _Target,
+        state: State,
+    ) -> None:
+        """Draw the parts of a mesh, each with the images of its tile."""
+        for tile, part in parts.items():
+            array = self._vertex_array(program, part, shader)
+            read = self._with_images(textures, images, tile)
+            self._draw(program, array, target, read, moderngl.TRIANGLES, state=state)
 
     def _draw_depth(
         self,
@@ -333,11 +356,12 @@ class Renderer:
         textures = self._upload(shader, program, values, view_projection, camera, (), None)
         if ALPHA_THRESHOLD in program.uniforms:
             program.uniforms[ALPHA_THRESHOLD].value = _VISIBLE
-        array = self._vertex_array(program, mesh, shader)
+        images = _images(shader, program, values)
+        parts = _parts_of(mesh, images)
         framebuffer: Any = target.framebuffer
         framebuffer.color_mask = [(False,) * 4] * len(target.colors)
         try:
-            self._draw(program, array, target, textures, moderngl.TRIANGLES, state=_DEPTH_ONLY)
+            self._draw_parts(shader, program, parts, images, textures, target, _DEPTH_ONLY)
         finally:
             framebuffer.color_mask = [(True,) * 4] * len(target.colors)
         self._gl.ctx.depth_func = "=="
@@ -391,10 +415,14 @@ class Renderer:
                 for part in (stages or (point_stages(shader.vertex, shader.pixel),))
             ]
             streams = self._point_streams(programs[0], data, count, shader)
-            textures = [
-                self._upload(shader, program, values, np.eye(4), camera, lights, environment)
-                for program in programs
-            ]
+            textures = []
+            for program in programs:
+                images = _images(shader, program, values)
+                tiled = next((files.name for files, _ in images.values() if files.tiles), None)
+                if tiled is not None:
+                    raise MrmError(f"draw_points: {tiled}: tiles are drawn on meshes only")
+                others = self._upload(shader, program, values, np.eye(4), camera, lights, environment)
+                textures.append(self._with_images(others, images, (0, 0)))
             for start in range(0, count, POINTS_PER_DRAW):
                 end = min(start + POINTS_PER_DRAW, count)
                 chunk = {name: stream[start:end] for name, stream in streams.items()}
@@ -545,12 +573,6 @@ class Renderer:
             own |= around.uniforms()
             maps = {"u_envRadiance": around.radiance, "u_envIrradiance": around.irradiance}
             textures |= {name: texture for name, texture in maps.items() if name in textures}
-        for name in program.samplers:
-            if name in values and values[name].type == "filename" and values[name].value:
-                textures[name] = self._image(shader, values, name)
-        read, room = len({texture.glo for texture in textures.values()}), self._gl.upload_unit
-        if read > room:
-            raise MrmError(f"{shader.name}: {read} images, but this driver reads {room} at once")
         for name, uniform in program.uniforms.items():
             if name == "mrm_grid":
                 continue
@@ -564,25 +586,26 @@ class Renderer:
             uniform.write(numbers)
         return textures
 
-    def _image(self, shader: Shader, values: Mapping[str, Uniform], name: str) -> moderngl.Texture:
-        """Return the image of a `…_file` uniform, sampled as its neighbours say (ImageSamplingProperties)."""
-        stem = name.rpartition("_")[0]
+    def _with_images(
+        self, textures: Mapping[str, moderngl.Texture], images: Mapping[str, _Image], tile: filenames.Tile
+    ) -> dict[str, moderngl.Texture]:
+        """What samplers read, with a material's images as they are in one tile.
 
-        def neighbour(suffix: str) -> Any:
-            uniform = values.get(f"{stem}_{suffix}")
-            return uniform.value if uniform is not None else None
-
-        u_mode, v_mode, filter_type = (
-            int((neighbour(suffix) or [-1])[0]) for suffix in ("uaddressmode", "vaddressmode", "filtertype")
-        )
-        sampling = Sampling(
-            (u_mode, v_mode),
-            filter_type,
-            border_color(neighbour("default") or [0.0]),
-            top_row_first=re.search(r"1\.0 - uv\.y", shader.pixel) is not None,
-        )
-        path = values[name].path or name
-        return self._kept.textures.texture(find_image(values[name].value, shader.search_path, path), sampling)
+        Raises:
+            MrmError: an image is damaged, or there are more than the driver reads at once.
+        """
+        found = dict(textures)
+        for name, (files, sampling) in images.items():
+            file = files.tiles.get(tile) if files.tiles else files.file
+            found[name] = (
+                self._kept.textures.plain(sampling)
+                if file is None
+                else self._kept.textures.texture(file, sampling)
+            )
+        read, room = len({texture.glo for texture in found.values()}), self._gl.upload_unit
+        if read > room:
+            raise MrmError(f"{read} images, but this driver reads {room} at once")
+        return found
 
     def _begin(
         self, size: tuple[int, int], colors: int = TARGETS, *, role: str = "image", depth_test: bool = False
@@ -673,6 +696,72 @@ class Renderer:
             given = vertices is not None
             buffers[name] = (ctx.buffer(vertices if given else constant), "" if given else "/r")
         return _MeshBuffers(mesh, buffers, ctx.buffer(mesh.indices))
+
+
+_Image = tuple[filenames.Files, Sampling]
+"""Which files a sampler reads, none where none is named, and how."""
+
+
+def _images(shader: Shader, program: _Program, values: Mapping[str, Uniform]) -> dict[str, _Image]:
+    """What each sampler of an image reads, sampled as its neighbours say (ImageSamplingProperties)."""
+    found = {}
+    for name in program.samplers:
+        if name not in values or values[name].type != "filename":
+            continue
+        uniform, stem = values[name], name.rpartition("_")[0]
+        path = uniform.path or name
+        files = filenames.Files("")
+        if uniform.value:
+            files = find_image(uniform.value, shader.search_path, path)
+        u_mode, v_mode, filter_type = (
+            int((_neighbour(shader, values, stem, suffix) or [-1])[0])
+            for suffix in ("uaddressmode", "vaddressmode", "filtertype")
+        )
+        found[name] = (
+            files,
+            Sampling(
+                (u_mode, v_mode),
+                filter_type,
+                border_color(_neighbour(shader, values, stem, "default") or [0.0]),
+                shader.spaces.get(path, ""),
+                _layer(shader, values.get(f"{stem}_layer")),
+                top_row_first=re.search(r"1\.0 - uv\.y", shader.pixel) is not None,
+            ),
+        )
+    return found
+
+
+def _neighbour(shader: Shader, values: Mapping[str, Uniform], stem: str, suffix: str) -> Any:
+    """The value of an input beside an image's file; one that the shader decodes has a longer name."""
+    for name in (f"{stem}_{suffix}", f"{stem}_{suffix}_cm_in"):
+        if name in values:
+            return values[name].value
+        if name in shader.sampling:
+            return shader.sampling[name]
+    return None
+
+
+def _layer(shader: Shader, uniform: Uniform | None) -> str:
+    port = None if uniform is None else shader.document.getDescendant(uniform.path)
+    return "" if port is None else str(port.getValueString())
+
+
+def _parts_of(mesh: Mesh, images: Mapping[str, _Image]) -> Mapping[filenames.Tile, Mesh]:
+    """A mesh by tiles, where an image is a set of them; else the whole."""
+    return mesh.tiles if any(files.tiles for files, _ in images.values()) else {(0, 0): mesh}
+
+
+def _warn_of_missing_tiles(
+    images: Mapping[str, _Image], parts: Mapping[filenames.Tile, Mesh], mesh: Mesh
+) -> None:
+    for files, _ in images.values():
+        missing = sorted(filenames.udim(tile) for tile in parts if files.tiles and tile not in files.tiles)
+        if missing:
+            shown = ", ".join(map(str, missing[:5])) + (", …" if len(missing) > 5 else "")
+            _warn(
+                f"{files.name}: no image of tile {shown}, where mesh {mesh.name} has texture coordinates: "
+                "the input's default is shown"
+            )
 
 
 def samples_in_the_dark(shader: Shader) -> int:

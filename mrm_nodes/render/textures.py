@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,9 +12,10 @@ from typing import Any
 
 import moderngl
 import numpy as np
+from numpy.typing import NDArray
 
-from mrm_nodes import filenames
-from mrm_nodes.errors import MrmError
+from mrm_nodes import colorspaces, filenames
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.context import GLContext
 from mrm_nodes.render.images import read_image, read_pixels
 from mrm_nodes.render.recent import Recent
@@ -42,12 +44,16 @@ class Sampling:
             other is periodic.
         filter_type: 0 for the closest texel; any other is trilinear.
         border: colour outside the image with address mode constant.
+        space: OpenColorIO's name of the colour space that pixels are converted from; empty where the shader does it.
+        layer: of an EXR, where it is not to be chosen.
         top_row_first: whether v = 0 is the top row, as in shaders generated with `fileTextureVerticalFlip`.
     """
 
     address: tuple[int, int] = (-1, -1)
     filter_type: int = -1
     border: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    space: str = ""
+    layer: str = ""
     top_row_first: bool = True
 
 
@@ -76,14 +82,31 @@ class TextureCache:
         key = (str(file.resolve()), digest, sampling)
         return self._textures.get(key, lambda: self._upload(file, sampling))
 
+    def plain(self, sampling: Sampling) -> moderngl.Texture:
+        """Return a texture of nothing but the border's colour, which MaterialX shows where there is no image."""
+        color = np.array(sampling.border, np.float32).reshape(1, 1, 4)
+        return self._textures.get(("", b"", sampling), lambda: self._made(color, sampling, "default"))
+
     def release(self) -> None:
         """Free the GPU's memory."""
         self._textures.clear()
 
     def _upload(self, file: Path, sampling: Sampling) -> moderngl.Texture:
-        pixels = read_pixels(file)[:, :, :4]
-        if pixels.dtype.name not in _KEPT_FORMATS:
-            pixels = read_image(file)[:, :, :4]
+        pixels = read_pixels(file, layer=sampling.layer)[:, :, :4]
+        if sampling.space or pixels.dtype.name not in _KEPT_FORMATS:
+            pixels = read_image(file, sampling.layer)[:, :, :4]
+        if pixels.shape[2] == 2:
+            message = f"{file}: it has two channels: MaterialX takes them for red and green, the second for no alpha"
+            warnings.warn(message, MrmWarning, stacklevel=2)
+        if sampling.space:
+            if pixels.shape[2] == 1:
+                pixels = np.repeat(pixels, 3, axis=2)
+            elif pixels.shape[2] == 2:
+                pixels = np.pad(pixels, ((0, 0), (0, 0), (0, 1)))
+            pixels = colorspaces.linear(pixels, sampling.space)
+        return self._made(pixels, sampling, str(file))
+
+    def _made(self, pixels: NDArray[Any], sampling: Sampling, what: str) -> moderngl.Texture:
         if not sampling.top_row_first:
             pixels = pixels[::-1]
         # MaterialX's shaders take a texture of one texel for a missing image.
@@ -92,7 +115,7 @@ class TextureCache:
         height, width, channels = pixels.shape
         limit = self._context.ctx.info["GL_MAX_TEXTURE_SIZE"]
         if max(height, width) > limit:
-            raise MrmError(f"{file}: {width} × {height} pixels, but this driver takes {limit} at most")
+            raise MrmError(f"{what}: {width} × {height} pixels, but this driver takes {limit} at most")
         data = np.ascontiguousarray(pixels)
         kind = _KEPT_FORMATS[data.dtype.name]
         texture = self._context.ctx.texture((width, height), channels, data, alignment=1, dtype=kind)
@@ -116,18 +139,16 @@ class TextureCache:
         self._context.call("glTexParameterfv", _GL_TEXTURE_2D, _GL_TEXTURE_BORDER_COLOR, border)
 
 
-def find_image(name: str, search_path: Sequence[Path], uniform: str) -> Path:
-    """Return the file that a material's input names.
+def find_image(name: str, search_path: Sequence[Path], uniform: str) -> filenames.Files:
+    """Return the file, or the tiles' files, that a material's input names.
 
     Raises:
-        MrmError: it is nowhere on the search path, or stands for a set of tiles.
+        MrmError: there is none in the folders of the search path.
     """
     found = filenames.find(name, search_path)
-    if found.tiles:
-        raise MrmError(f"{name}: a set of {len(found.tiles)} tiles is not drawn (input {uniform})")
-    if found.file is None:
+    if found.file is None and not found.tiles:
         raise MrmError(f"{name}: no such image (input {uniform}): {filenames.absence(name, search_path)}")
-    return found.file
+    return found
 
 
 def border_color(value: Any) -> tuple[float, float, float, float]:

@@ -1,0 +1,135 @@
+"""What of an image file is the picture: its colour layer, as it stands in its display window."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio
+from numpy.typing import NDArray
+
+from mrm_nodes.errors import MrmError, unknown
+
+#: Names of layers that hold what a renderer's other layers are parts of.
+_BEAUTY = ("", "rgba", "rgb", "beauty", "combined", "color", "colour", "c", "main", "default")
+_CHANNELS = {"red": "r", "green": "g", "blue": "b", "alpha": "a"}
+
+#: A display window may say anything; no driver draws more.
+_MAX_SIDE = 32768
+
+
+@dataclass(frozen=True)
+class Layer:
+    """Channels of one part of a file that belong together.
+
+    Args:
+        name: what its file calls it; empty for the channels that have no layer's name.
+        part: number of the part (OpenImageIO's subimage).
+        channels: numbers of its channels, colours first.
+        is_color: whether they are red, green and blue, or a grey.
+    """
+
+    name: str
+    part: int
+    channels: tuple[int, ...]
+    is_color: bool
+
+
+def layers_of(source: Any) -> list[Layer]:
+    """The layers of an open file, in its order; one of everything for formats that have none."""
+    if source.format_name() != "openexr":
+        return [Layer("", 0, tuple(range(source.spec().nchannels)), True)]
+    found: list[Layer] = []
+    for part, spec in enumerate(_parts(source)):
+        groups: dict[str, dict[str, int]] = {}
+        for number, name in enumerate(spec.channelnames):
+            layer, _, channel = name.rpartition(".")
+            groups.setdefault(layer, {})[_CHANNELS.get(channel.lower(), channel.lower())] = number
+        part_name = str(spec.getattribute("oiio:subimagename") or "")
+        for layer, channels in groups.items():
+            colors = next((each for each in ("rgb", "y") if set(each) <= set(channels)), "")
+            if {"y", "ry", "by"} <= set(channels):
+                colors = ""
+            chosen = [channels[each] for each in (*colors, *("a" if colors and "a" in channels else ""))]
+            found.append(
+                Layer(layer or part_name, part, tuple(chosen or channels.values()), is_color=bool(colors))
+            )
+    return found
+
+
+def _parts(source: Any) -> Iterator[Any]:
+    part = 0
+    while source.seek_subimage(part, 0):
+        yield source.spec()
+        part += 1
+
+
+def choose_layer(layers: Sequence[Layer], file: str, name: str = "") -> Layer:
+    """The layer of a name, or the picture: the colours without a layer's name, or those of the first such layer.
+
+    Raises:
+        MrmError: no such layer.
+    """
+    if name:
+        named = [layer for layer in layers if layer.name == name]
+        if not named:
+            raise MrmError(f"{file}: {unknown('layer', name, [each.name for each in layers if each.name])}")
+        return named[0]
+
+    def rank(layer: Layer) -> tuple[bool, int]:
+        beauty = layer.name.lower()
+        return (not layer.is_color, _BEAUTY.index(beauty) if beauty in _BEAUTY else len(_BEAUTY))
+
+    return min(layers, key=rank)
+
+
+def check_shown(spec: Any, file: str) -> None:
+    """Check that a part can be shown as a picture.
+
+    Raises:
+        MrmError: it is deep or a volume, has colours as luminance and chroma, or a display window that is no picture.
+    """
+    if spec.deep:
+        raise MrmError(f"{file}: a deep image has several samples a pixel: flatten it first")
+    if spec.depth > 1:
+        raise MrmError(f"{file}: a volume of {spec.depth} slices is no picture")
+    if {"RY", "BY"} & {name.rpartition(".")[2].upper() for name in spec.channelnames}:
+        raise MrmError(f"{file}: its colours are luminance and chroma (Y, RY, BY): save it as RGB")
+    if max(spec.full_width, spec.full_height) > _MAX_SIDE:
+        raise MrmError(f"{file}: its display window is {spec.full_width} × {spec.full_height} pixels")
+    if _overlap(spec) is None:
+        raise MrmError(f"{file}: its data window lies outside of its display window: nothing of it is shown")
+
+
+def shown(pixels: NDArray[Any], spec: Any) -> NDArray[Any]:
+    """A part's pixels (h, w, k) as they stand in its display window, which is 0 where there are none."""
+    overlap = _overlap(spec)
+    if overlap is None or pixels.shape[:2] == (spec.full_height, spec.full_width) == (
+        overlap[1] - overlap[0],
+        overlap[3] - overlap[2],
+    ):
+        return pixels
+    top, bottom, left, right = overlap
+    window = np.zeros((spec.full_height, spec.full_width, pixels.shape[2]), pixels.dtype)
+    window[top - spec.full_y : bottom - spec.full_y, left - spec.full_x : right - spec.full_x] = pixels[
+        top - spec.y : bottom - spec.y, left - spec.x : right - spec.x
+    ]
+    return window
+
+
+def _overlap(spec: Any) -> tuple[int, int, int, int] | None:
+    """Top, bottom, left and right of what both windows have; None where they have nothing."""
+    top, left = max(spec.y, spec.full_y), max(spec.x, spec.full_x)
+    bottom = min(spec.y + spec.height, spec.full_y + spec.full_height)
+    right = min(spec.x + spec.width, spec.full_x + spec.full_width)
+    return (top, bottom, left, right) if top < bottom and left < right else None
+
+
+def number_format(spec: Any, channels: Sequence[int]) -> Any:
+    """The format that holds all of some channels: a part's channels may differ."""
+    if not spec.channelformats:
+        return spec.format
+    kinds = {str(spec.channelformats[channel]) for channel in channels}
+    return spec.channelformats[channels[0]] if len(kinds) == 1 else oiio.FLOAT

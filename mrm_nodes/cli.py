@@ -131,6 +131,7 @@ cli.add_command(merge)
 )
 @click.option("--env", "environment", help="Environment: sky, studio, or a latitude-longitude .hdr or .exr.")
 @click.option("--env-rotation", "rotation", type=float, help="Degrees to turn it about +y, from +z to +x.")
+@click.option("--env-layer", "layer", help="Layer of an .exr, where its colours are not what is meant.")
 @click.option("--env-samples", "samples", type=int, help="Directions for each lobe.  [default: 64]")
 @click.option("--size", default="512x512", show_default=True, metavar="WxH", help="Pixels.")
 @click.option("--element", help="Material to render, where the file has several.")
@@ -144,6 +145,7 @@ def render(
     camera: str | None,
     environment: str | None,
     rotation: float | None,
+    layer: str | None,
     samples: int | None,
     size: str,
     element: str | None,
@@ -160,10 +162,12 @@ def render(
     writers = {".exr": write_exr, ".png": write_png}
     if output.suffix.lower() not in writers:
         raise MrmError(f"{output}: unknown image ending {output.suffix or '(none)'}; use .exr or .png")
-    given = {"rotation": rotation, "samples": samples}
-    options = {name: value for name, value in given.items() if value is not None}
+    given = {"rotation": rotation, "layer": layer, "samples": samples}
+    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if environment is None and options:
-        raise MrmError("--env-rotation and --env-samples say how --env is used; name an environment")
+        raise MrmError(
+            "--env-rotation, --env-layer and --env-samples say how --env is used; name an environment"
+        )
     around = None if environment is None else find_environment(environment, **options)
     prepare_folder(output.parent)
     rendered = render_material(
@@ -246,7 +250,8 @@ def _say_what_is_ignored(
     strict: bool,
 ) -> None:
     from mrm_nodes import limits, shadergen, values
-    from mrm_nodes.documents import find_renderable
+    from mrm_nodes.elements import find_renderable
+    from mrm_nodes.naming import named_for_code
 
     ignored: dict[str, None] = {}
     for target in targets:
@@ -254,7 +259,8 @@ def _say_what_is_ignored(
         ignored.update(dict.fromkeys(limits.ignored_inputs(document, name, environment, libraries)))
         for message in limits.honoured_inputs(document, name, libraries):
             click.echo(f"{file}: {message}", err=True)
-    settled = values.settle(document, find_renderable(document, str(file), element), str(file))
+    found = find_renderable(document, str(file), element)
+    settled = values.settle(*named_for_code(document, found), str(file))
     ignored |= dict.fromkeys(settled.foreign)
     if strict and ignored:
         raise MrmError(f"{file}: {'; '.join(ignored)}")

@@ -242,11 +242,12 @@ def _sampling(shader: Any) -> dict[str, Any]:
     stems = {
         port.getVariable().rpartition("_")[0] for port in ports if port.getType().getName() == "filename"
     }
-    return {
+    beside = {
         port.getVariable(): port.getValue().getData()
         for port in ports
         if port.getValue() is not None and port.getVariable().rpartition("_")[0] in stems
     }
+    return {name: [data] if isinstance(data, int | float) else data for name, data in beside.items()}
 
 
 def _knowing_environment(source: str, environment: str) -> str:

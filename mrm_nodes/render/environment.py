@@ -149,19 +149,20 @@ def _means(values: NDArray[Any], count: int, axis: int) -> Array:
     return np.moveaxis(np.diff(upto, axis=0) * count / len(values), 0, axis)
 
 
-def load_environment(path: str | os.PathLike[str], **options: Any) -> Environment:
+def load_environment(path: str | os.PathLike[str], *, layer: str = "", **options: Any) -> Environment:
     """Read a latitude-longitude map (.hdr, .exr, or whatever OpenImageIO knows).
 
     Negative texels, which resampling leaves in many maps, become 0, and a map wider than `MAX_WIDTH` is averaged
     down to it; either gives an MrmWarning. One channel is grey; alpha is dropped.
 
     Args:
+        layer: of an EXR, where the colours without a layer's name, or the first such layer, are not what is meant.
         options: what `Environment` takes beside its radiance.
 
     Raises:
         MrmError: a file that is missing, damaged or no image; not twice as wide as high; infinite or NaN texels.
     """
-    pixels = _read(Path(path))
+    pixels = _read(Path(path), layer)
     if pixels.shape[2] < 3:
         pixels = np.repeat(pixels[:, :, :1], 3, axis=2)
     pixels = pixels[:, :, :3]
@@ -174,17 +175,25 @@ def load_environment(path: str | os.PathLike[str], **options: Any) -> Environmen
     return Environment(pixels, **options)
 
 
-def _read(file: Path) -> Floats:
+def _read(file: Path, layer: str) -> Floats:
     """Read a map, by strips where it is too wide, so that it is never in memory as a whole."""
     source = oiio.ImageInput.open(str(file)) if file.is_file() else None
     if source is None:
-        return read_image(file)  # which says what is wrong
+        return read_image(file, layer)  # which says what is wrong
     spec = source.spec()
-    _check_shape(spec.width, spec.height, str(file))
-    if spec.width <= MAX_WIDTH or spec.tile_width:
+    # By strips only what is one picture and nothing else.
+    is_layered = bool(layer) or spec.deep or spec.nchannels > 4 or bool(source.seek_subimage(1, 0))
+    is_whole = (spec.width, spec.height) == (spec.full_width, spec.full_height)
+    width, height = spec.width, spec.height
+    if is_whole and not is_layered:
+        _check_shape(width, height, str(file))
+    if is_layered or not is_whole or width <= MAX_WIDTH or spec.tile_width:
         source.close()
-        pixels = read_image(file)
+        pixels = read_image(file, layer)
+        height, width = pixels.shape[:2]
+        _check_shape(width, height, str(file))
     else:
+        source.seek_subimage(0, 0)
         strips = []
         for first in range(0, spec.height, 64):
             strip = source.read_scanlines(
@@ -197,11 +206,9 @@ def _read(file: Path) -> Floats:
             strips.append(_means(strip, MAX_WIDTH, axis=1).astype(np.float32))
         source.close()
         pixels = np.concatenate(strips)
-    if spec.width > MAX_WIDTH:
+    if width > MAX_WIDTH:
         size = f"{MAX_WIDTH} × {MAX_WIDTH // 2}"
-        message = (
-            f"{file}: {spec.width} × {spec.height} texels are more than this renders with; averaged to {size}"
-        )
+        message = f"{file}: {width} × {height} texels are more than this renders with; averaged to {size}"
         warnings.warn(message, MrmWarning, stacklevel=3)
         _check_texels(pixels, str(file))
         pixels = shrink(pixels, MAX_WIDTH // 2, MAX_WIDTH)
@@ -290,6 +297,8 @@ def find_environment(name: str | os.PathLike[str], **options: Any) -> Environmen
         MrmError: as `load_environment`.
     """
     if str(name) in BUILT_IN_ENVIRONMENTS:
+        if options.pop("layer", ""):
+            raise MrmError(f"environment {name} is no file, and has no layers")
         return replace(BUILT_IN_ENVIRONMENTS[str(name)](), **options)
     return load_environment(name, **options)
 

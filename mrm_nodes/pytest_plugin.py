@@ -35,6 +35,12 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="Make the render of each test that is run its new baseline, where it differs or has none.",
     )
+    group.addoption(
+        "--mrm-reason",
+        default="",
+        metavar="TEXT",
+        help="Why, which is recorded with what --mrm-accept accepts.",
+    )
     group.addoption("--mrm-report", metavar="DIR", help="Folder of the report on all pictures.")
     group.addoption(
         "--mrm-backend", default="auto", metavar="NAME", help="OpenGL: egl, osmesa or auto. [default: auto]"
@@ -104,7 +110,7 @@ def _mrm_session(pytestconfig: pytest.Config) -> Session:
     from mrm_nodes.regression.testing import Session
 
     folder, number = pytestconfig.stash[_PLACE]
-    return Session(folder, number, pytestconfig.getoption("mrm_accept"))
+    return Session(folder, number, pytestconfig.getoption("mrm_accept"), pytestconfig.getoption("mrm_reason"))
 
 
 @pytest.fixture

@@ -62,12 +62,13 @@ def test_the_guide_s_example_is_complete(studio):
         ["*tape-tape_by_night: no baseline yet in *", "*pytest --mrm-accept '*test_tape_by_night'"]
     )
     assert stored(studio) == {}
-    accepted = run(studio, "tests", "--mrm-accept")
+    accepted = run(studio, "tests", "--mrm-accept", "--mrm-reason=new dye")
     accepted.assert_outcomes(passed=1)
     accepted.stdout.fnmatch_lines(
         ["accepted *tape-tape_by_night.exr for *test_tape_by_night; it is the first"]
     )
     assert sorted(stored(studio)) == ["log.jsonl", "tape-tape_by_night.exr", "tape-tape_by_night.json"]
+    assert json.loads(stored(studio)["tape-tape_by_night.json"])["accepted"]["why"] == "new dye"
     run(studio, "tests").assert_outcomes(passed=1)
 
     before = stored(studio)

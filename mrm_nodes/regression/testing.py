@@ -160,6 +160,8 @@ class Session:
     folder: Path
     number: str
     accept: bool = False
+    reason: str = ""
+    """Why renders are accepted."""
 
     def judge(
         self,
@@ -217,7 +219,7 @@ class Session:
         image = self.folder / str(outcome.files["render_data"])
         plain = json.loads(json.dumps(provenance))
         try:
-            case.store.accept(case.name, image, plain, "pytest --mrm-accept", standing)
+            case.store.accept(case.name, image, plain, self.reason or "pytest --mrm-accept", standing)
         except MrmError as error:
             outcome.verdict, outcome.message = "error", f"not accepted: {error}"
             return outcome.message

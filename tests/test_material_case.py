@@ -13,6 +13,7 @@ from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.regression import physics
+from mrm_nodes.regression.closure import UnknownClosure, closure_of
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, with_values
 from mrm_nodes.regression.outcome import Outcome
 from mrm_nodes.regression.suitefile import DEFAULT_LIGHTS, load
@@ -367,3 +368,24 @@ def test_a_threshold_within_the_noise_of_an_environment_leaves_a_case_undecided(
     )
     assert outcome.verdict == "undecided"
     assert "raise the samples" in outcome.message
+
+
+@pytest.mark.parametrize("sheen", [False, True])
+def test_the_evaluator_knows_gltf_without_sheen(tmp_path: Path, sheen: bool) -> None:
+    colour = '<input name="sheen_color" type="color3" value="0, 0.5, 0" />' if sheen else ""
+    file = tmp_path / "gltf.mtlx"
+    file.write_text(
+        f"""<materialx version="1.39">
+  <mrm_gltf_pbr name="shaded" type="surfaceshader">{colour}</mrm_gltf_pbr>
+  <surfacematerial name="tape" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="shaded" />
+  </surfacematerial>
+</materialx>
+"""
+    )
+    document = read_document(file)
+    if sheen:
+        with pytest.raises(UnknownClosure, match="sheen_bsdf, which the evaluator does not know"):
+            closure_of(document, "tape")
+    else:
+        assert "sheen" not in str(closure_of(document, "tape").tree)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
+import document_kinds
 import MaterialX as mx
 import numpy as np
 import pytest
+import sweep
+from sweep import inner, start, write_obj
 
 from mrm_nodes.regression.material import document
-from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.render.scene import Camera, DirectionalLight
@@ -26,15 +25,6 @@ SIZE = (160, 120)
 if shutil.which("xvfb-run") is None:
     assert "clients" not in os.environ.get("MRM_REQUIRE_COMPILERS", "").split(","), INSTALL
     pytest.skip(INSTALL, allow_module_level=True)
-
-
-def write_obj(mesh: Mesh, file: Path) -> None:
-    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.positions]
-    lines += [f"vt {u:.9g} {v:.9g}" for u, v in mesh.texcoords]
-    lines += [f"vn {x:.9g} {y:.9g} {z:.9g}" for x, y, z in mesh.normals]
-    corners = np.asarray(mesh.indices).reshape(-1, 3) + 1
-    lines += ["f " + " ".join(f"{i}/{i}/{i}" for i in corner) for corner in corners]
-    file.write_text("\n".join(lines) + "\n")
 
 
 @pytest.mark.client("MaterialX's own `GlslRenderer`: the same image")
@@ -67,24 +57,38 @@ def test_materialx_own_renderer_draws_the_same_image(
         "projection": camera.projection_matrix(SIZE[0] / SIZE[1], near, far).T.ravel().tolist(),
         "direction": lamp.direction,
         "color": lamp.color,
+        "around": (0.0, 0.0, 0.0),
+        "samples": 1,
+        "mesh": str(mesh_file),
+        "jobs": [{"material": str(material), "output": str(tmp_path / "image.npy")}],
     }
-    (tmp_path / "scene.json").write_text(json.dumps(scene))
-    script = Path(__file__).with_name("materialx_renderer.py")
-    arguments = [material, mesh_file, tmp_path / "scene.json", tmp_path / "image.npy"]
-    done = subprocess.run(
-        ["xvfb-run", "-a", sys.executable, str(script), *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-    assert done.returncode == 0, done.stderr
+    process = start(scene, tmp_path)
+    _, complaints = process.communicate(timeout=300)
+    assert process.returncode == 0, complaints
+    assert (tmp_path / "image.npy").exists(), (tmp_path / "image.txt").read_text()
     theirs = np.load(tmp_path / "image.npy")[..., :3]
     ours = shared_renderer().render(generate_shader(material), mesh, camera, [lamp], SIZE)
 
     # At an outline the two rasterizers, at different distances to the near plane, may differ.
-    inside = ours.mask & np.roll(ours.mask, 1, 0) & np.roll(ours.mask, -1, 0)
-    inside &= np.roll(ours.mask, 1, 1) & np.roll(ours.mask, -1, 1)
+    inside = inner(ours.mask)
     assert inside.sum() > 2000
     assert ours.image[inside].max() > 0.05
     error = np.abs(theirs - ours.image)[inside] / np.maximum(np.abs(ours.image[inside]), 1e-3)
     assert error.max() < 5e-5
+
+
+@pytest.mark.client("MaterialX's own `GlslRenderer`: the same image")
+def test_every_kind_of_document_is_drawn_as_materialx_draws_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MATERIALX_SEARCH_PATH", str(tmp_path))
+    root = tmp_path / "resources"
+    theirs = sweep.Theirs()
+    rows = [
+        sweep.Row(str(file.relative_to(root)), element)
+        for file in document_kinds.write(root)
+        for element in theirs.renderables(theirs.document(file, root))
+    ]
+    sweep.draw(rows, root, tmp_path / "work")
+    assert len(rows) >= len(document_kinds.KINDS) - 1
+    assert [f"{row.document} {row.element}: {row.message}" for row in rows if row.picture != "same"] == []

@@ -65,7 +65,7 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
     "--suite",
     default="default",
     show_default=True,
-    help="A suite's .toml file, a folder of .mtlx files, or default: the nodes' own.",
+    help="A suite's .toml file, a folder of .mtlx files, default (the nodes' own), or full: more of it.",
 )
 @external_option
 @click.option(

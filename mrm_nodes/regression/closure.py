@@ -290,13 +290,25 @@ class _Reader:
         given = node.getInput(name)
         port = None if given is None else _outermost(given)
         if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):
-            return self._driven(port)
+            folded = self._folded(port)
+            return self._driven(port) if folded is None else folded
         if port is not None and port.getValue() is not None:
             space = values.space_of(given) if port.getType() == "color3" else ""
             return plain_value(port) if colorspaces.is_linear(space) else self._decoded(port, space)
         if declared.getAttribute("defaultgeomprop"):
             return None
         return plain_value(declared)
+
+    def _folded(self, port: mx.Input) -> float | None:
+        """The number that `extract` and `max` make of constants: so `gltf_pbr` knows that it has no sheen."""
+        node = _source(port)
+        if node is None or port.getType() != "float" or node.getCategory() not in ("extract", "max"):
+            return None
+        if node.getCategory() == "extract":
+            whole, index = self.port(node, "in"), self.port(node, "index")
+            return whole[int(index)] if isinstance(whole, tuple) and isinstance(index, float) else None
+        first, second = self.port(node, "in1"), self.port(node, "in2")
+        return max(first, second) if isinstance(first, float) and isinstance(second, float) else None
 
     def _driven(self, port: mx.Input) -> Driven:
         """What drives a port: a graph's own output, or one that is added to a node beside it."""

@@ -13,10 +13,12 @@ from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.regression.outcome import Task
+from mrm_nodes.regression.textured import more_textured_cases, textured_cases
 
 AnyTask = TypeVar("AnyTask", bound=Task)
 
 CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("phong", "vcavity"))
+BUILT_IN = ("default", "full")
 CONFIGURATIONS = 1_000_000
 """Random configurations of each node in the default suite."""
 
@@ -35,18 +37,21 @@ def suite(
     """The tasks of a suite, the longest first.
 
     Args:
-        name: `default`, a suite's TOML file, or a folder of materials.
+        name: `default`, `full` (more of it), a suite's TOML file, or a folder of materials.
         configurations: of each node, in the default suite.
         allow_external: whether a material may read files outside of its folder and the node libraries.
 
     Raises:
         MrmError: no such suite, or one with faults.
     """
-    if name == "default":
-        return [*clouds(configurations), *default_suite()]
+    if name in BUILT_IN:
+        more = more_textured_cases() if name == "full" else []
+        return [*clouds(configurations), *more, *textured_cases(), *default_suite()]
     path = Path(name)
     if not path.is_dir() and path.suffix != ".toml":
-        raise MrmError(f"unknown suite {name}: it is `default`, a .toml file, or a folder of .mtlx files")
+        raise MrmError(
+            f"unknown suite {name}: it is `default`, `full`, a .toml file, or a folder of .mtlx files"
+        )
     from mrm_nodes.regression.suitefile import load
 
     return list(load(path, allow_external).cases)

@@ -28,6 +28,9 @@ _GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT = 0x812D
 _WRAPS = (_GL_CLAMP_TO_BORDER, _GL_CLAMP_TO_EDGE, _GL_REPEAT, _GL_MIRRORED_REPEAT)
 _CLOSEST = 0
 
+#: As MaterialX's own GLTextureHandler filters every image, where the driver can.
+_ANISOTROPY = 16.0
+
 #: More than a program can read at once.
 _KEPT_TEXTURES = 64
 
@@ -126,6 +129,7 @@ class TextureCache:
         else:
             texture.build_mipmaps()
             texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
+        texture.anisotropy = min(_ANISOTROPY, self._context.ctx.max_anisotropy)
         self._set_address_modes(texture, sampling)
         return texture
 

@@ -1,0 +1,74 @@
+"""The textured cases of the default suite, on every backend; each drawn first in a process of its own, too."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.suites import suite
+from mrm_nodes.regression.textured import IMAGED, SUBJECTS, more_textured_cases, picture, textured_cases
+
+FULL = bool(os.environ.get("MRM_REGRESS_FULL"))
+"""Whether every case is drawn in a process of its own, as `make regress-full` asks."""
+
+CASES = textured_cases()
+FIRST = {case.name: case for case in [*CASES, *more_textured_cases()]}
+if not FULL:
+    some = ("dielectric-image-on-color", "conductor-image-on-normal", "standard-image-on-all")
+    FIRST = {name: FIRST[name] for name in some}
+
+
+def test_every_image_is_another_one():
+    pictures = [picture(imaged, number) for imaged in IMAGED for number in range(len(SUBJECTS))]
+    assert len({each.tobytes() for each in pictures}) == len(pictures)
+    assert all(each.min() >= 0.0 and each.max() <= 1.0 and np.ptp(each) > 0.1 for each in pictures)
+
+
+def test_images_are_written_the_same_every_time(tmp_path):
+    folders = [tmp_path / "a", tmp_path / "b"]
+    for folder in folders:
+        folder.mkdir()
+        textured_cases(folder)
+    first, second = ({file.name: file.read_bytes() for file in each.iterdir()} for each in folders)
+    assert first == second
+    assert len(first) == len(CASES) + 12 + 3 * 4
+
+
+def test_the_suites_have_them():
+    default, full = ({task.name for task in suite(name, configurations=0)} for name in ("default", "full"))
+    assert {case.name for case in CASES} < default < full
+    for subject in SUBJECTS:
+        assert {f"{subject}-image-on-{imaged}" for imaged in IMAGED} < full
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_a_textured_case_agrees_with_the_evaluator(worker, case, tmp_path):
+    outcome = worker.run(case, tmp_path)
+    assert outcome.verdict == "pass", f"{outcome.message} {outcome.figures}"
+    assert outcome.truth == "physics"
+    assert outcome.figures.lit > 5000
+
+
+@pytest.fixture(scope="module")
+def by_two(worker, tmp_path_factory):
+    """The cases that are drawn first below, all in one run with two jobs: their reports and pictures."""
+    folder = tmp_path_factory.mktemp("two")
+    return folder, run_suite(list(FIRST.values()), folder, worker.backend, jobs=2)
+
+
+@pytest.mark.parametrize("name", FIRST)
+def test_a_case_drawn_first_in_its_process_is_the_case_drawn_later(worker, by_two, name, tmp_path):
+    backend = worker.backend
+    report = run_suite([FIRST[name]], tmp_path, backend, jobs=1)
+    folder, later = by_two
+    (alone,) = report["cases"]
+    (beside,) = (each for each in later["cases"] if each["name"] == name)
+    assert alone["verdict"] == beside["verdict"] == "pass", (alone["message"], beside["message"])
+    assert alone["figures"] == beside["figures"]
+    assert contents(tmp_path, alone) == contents(folder, beside)
+
+
+def contents(folder: Path, record: dict) -> list[bytes]:
+    return [(folder / record["files"][each]).read_bytes() for each in ("render_data", "reference_data")]

@@ -94,6 +94,8 @@ class Studio:
         element = job.get("element")
         wanted = document.getDescendant(element) if element else document.getMaterialNodes()[0]
         try:
+            if hasattr(generator, "registerTypeDefs"):
+                generator.registerTypeDefs(document)
             shader = generator.generate("material", wanted, context)
         except Exception as error:
             raise LookupError(str(error)) from error

@@ -149,8 +149,8 @@ def picture(imaged: str, variant: int, size: int = 16) -> Array:
         return np.stack([0.3 + 0.6 * wave, 0.8 - 0.5 * other, 0.4 + 0.4 * wave * other], axis=-1)
     if imaged == "normal":
         lean = np.stack([0.5 * (wave - 0.5), 0.5 * (other - 0.5), np.ones_like(u)], axis=-1)
-        linear: Array = 0.5 + 0.5 * lean / np.linalg.norm(lean, axis=-1, keepdims=True)
-    return linear
+        normal: Array = 0.5 + 0.5 * lean / np.linalg.norm(lean, axis=-1, keepdims=True)
+        return normal
     low, high = (0.5, 0.9) if imaged == "roughness" else (0.0, 1.0)
     return np.repeat((low + (high - low) * wave)[..., None], 3, axis=-1)
 

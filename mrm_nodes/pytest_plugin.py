@@ -6,7 +6,6 @@ Nothing heavy is imported before a test uses it.
 from __future__ import annotations
 
 import contextlib
-import json
 import tempfile
 import time
 import uuid
@@ -17,11 +16,10 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from mrm_nodes.regression.testfolder import OUTCOMES, check_own
+
 if TYPE_CHECKING:
     from mrm_nodes.regression.testing import Picture, Session
-
-MARK = ".mrm-report"
-"""A file in each folder that this plugin made."""
 
 _PLACE = pytest.StashKey[tuple[Path, str]]()
 """The folder of the report, and the number of the session: what its processes share."""
@@ -55,7 +53,10 @@ def pytest_configure(config: pytest.Config) -> None:
         return
     number = uuid.uuid4().hex
     folder = config.stash[_PLACE] = _report_folder(config, number), number
-    _check_own(folder[0])
+    try:
+        check_own(folder[0])
+    except ValueError as error:
+        raise pytest.UsageError(f"--mrm-report: {error}; name a new or an empty folder") from None
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -73,36 +74,6 @@ def _report_folder(config: pytest.Config, number: str) -> Path:
     except ValueError:  # -p no:cacheprovider
         return Path(tempfile.gettempdir()) / f"mrm-report-{number}"
     return Path(config.rootpath, cache, "mrm-report")
-
-
-def _check_own(folder: Path) -> None:
-    """Refuse a folder that holds what this plugin did not make; see it only, for a run may merely collect.
-
-    Raises:
-        pytest.UsageError: it does.
-    """
-    try:
-        held = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
-    except OSError as error:
-        raise pytest.UsageError(
-            f"--mrm-report: {folder}: {error.strerror}; name a new or an empty folder"
-        ) from None
-    if held and MARK not in held and not _is_older_report(folder, held):
-        more = f" and {len(held) - 3} more" if len(held) > 3 else ""
-        raise pytest.UsageError(
-            f"--mrm-report: {folder} holds {', '.join(held[:3])}{more}, which is no report of the tests; "
-            "name a new or an empty folder"
-        )
-
-
-def _is_older_report(folder: Path, held: list[str]) -> bool:
-    """Whether a folder is what this plugin made before it marked them."""
-    if not {"outcomes", "report.json", "index.html"} <= set(held):
-        return False
-    try:
-        return set(json.loads((folder / "report.json").read_bytes())) == {"environment", "cases", "summary"}
-    except (OSError, ValueError, TypeError):
-        return False
 
 
 @pytest.fixture(scope="session")
@@ -174,7 +145,7 @@ def _told_in_one_line() -> Iterator[None]:
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     folder, number = config.stash[_PLACE]
-    if hasattr(config, "workerinput") or not (folder / "outcomes" / number).is_dir():
+    if hasattr(config, "workerinput") or not (folder / OUTCOMES / number).is_dir():
         return
     from mrm_nodes.errors import MrmError
     from mrm_nodes.regression.testing import conclude

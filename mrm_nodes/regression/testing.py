@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from mrm_nodes import documents, external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
-from mrm_nodes.pytest_plugin import MARK
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.files import lock, write_text
 from mrm_nodes.regression.inputs import versions
@@ -31,6 +30,7 @@ from mrm_nodes.regression.outcome import Outcome, as_record, from_record
 from mrm_nodes.regression.report import write_report
 from mrm_nodes.regression.run import Plan, describe_environment
 from mrm_nodes.regression.suitefile import DEFAULT_LIGHTS, materials_of
+from mrm_nodes.regression.testfolder import MARK, OUTCOMES
 from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
@@ -38,9 +38,6 @@ from mrm_nodes.render.mesh import BUILT_IN
 from mrm_nodes.render.renderer import RenderedImage
 from mrm_nodes.render.renderer import render as render_shader
 from mrm_nodes.render.scene import Framing, Light, parse_camera, parse_light
-
-OUTCOMES = "outcomes"
-"""Folder of the outcomes of each session, a file each: its processes share nothing else."""
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,7 @@ _USUAL: State = {}
 _BLENDING: State = {"GL_BLEND": (1,)}
 _DEPTH_ONLY: State = {"GL_COLOR_WRITEMASK": (0, 0, 0, 0)}
 _SAME_DEPTH: State = {"GL_DEPTH_FUNC": (0x0202,)}  # GL_EQUAL
+_ENVIRONMENT_MAPS = "u_envRadiance", "u_envIrradiance"
 _IDENTITY = tuple(np.eye(4).ravel().tolist())
 
 
@@ -571,7 +572,7 @@ class Renderer:
                 id(environment), lambda: EnvironmentTextures.upload(self._gl, environment)
             )
             own |= around.uniforms()
-            maps = {"u_envRadiance": around.radiance, "u_envIrradiance": around.irradiance}
+            maps = dict(zip(_ENVIRONMENT_MAPS, (around.radiance, around.irradiance), strict=True))
             textures |= {name: texture for name, texture in maps.items() if name in textures}
         for name, uniform in program.uniforms.items():
             if name == "mrm_grid":
@@ -706,7 +707,8 @@ def _images(shader: Shader, program: _Program, values: Mapping[str, Uniform]) ->
     """What each sampler of an image reads, sampled as its neighbours say (ImageSamplingProperties)."""
     found = {}
     for name in program.samplers:
-        if name not in values or values[name].type != "filename":
+        # MaterialX lists the environment's maps as files without a name.
+        if name in _ENVIRONMENT_MAPS or name not in values or values[name].type != "filename":
             continue
         uniform, stem = values[name], name.rpartition("_")[0]
         path = uniform.path or name

@@ -1,6 +1,6 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
-# make regress-full  more textured cases, each drawn first in a process of its own
+# make regress-full  more textured cases, each drawn first in a process of its own; MaterialX's own documents
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
 # make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
 # make fuzz      damage 2,400 files and send them through the command line; minutes
@@ -17,6 +17,9 @@ BIN := .venv/bin
 TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_slang.py \
 	tests/test_materialx_renderer.py tests/test_report_browser.py
 
+# Minutes: MaterialX's own documents, where they lie beside the checkout, through everything.
+FULL_TESTS := tests/test_sweep.py
+
 .PHONY: regress regress-full test lint setup clean targets clients fuzz
 
 regress: setup
@@ -25,10 +28,10 @@ regress: setup
 # What `make regress` has drawn comes from the cache.
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
-	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_textured.py
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_textured.py $(FULL_TESTS)
 
 test: setup
-	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%)
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(FULL_TESTS:%=--ignore=%)
 
 # Here a compiler that is missing is a failure, where `make test` skips its tests.
 targets: setup

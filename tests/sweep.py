@@ -371,7 +371,11 @@ def retrofitted(documents: Iterable[Path], root: Path) -> Iterator[tuple[str, li
                     complaint = theirs.takes(document, element, "glsl") or _refused_file(target, element)
             yield name, changed, complaint
         except MrmError as error:
-            yield name, [], _line(error)
+            yield (
+                name,
+                [],
+                "" if re.search(r"has (nothing to retrofit|none of)", str(error)) else _line(error),
+            )
         except Exception as error:
             yield name, [], f"unexpected {type(error).__name__}: {_line(error)}"
         finally:

@@ -34,13 +34,24 @@ def read_document(
     Raises:
         MrmError: the file is missing, is not MaterialX, is too large, or names a file that it may not read.
     """
+    document, _ = read_with_files(path, libraries, allow_external)
+    return document
+
+
+def read_with_files(
+    path: str | os.PathLike[str],
+    libraries: str | os.PathLike[str] | None = None,
+    allow_external: bool = False,
+) -> tuple[mx.Document, list[Path]]:
+    """As `read_document`, and the `files_of` the document, each of which is looked for once."""
     file = Path(path)
-    document = _Reading(file, allow_external).document
+    reading = _Reading(file, allow_external)
+    document = reading.document
     _drop_empty(document)
-    external.check_files(document, file, allow_external)
+    named = external.check_files(document, file, allow_external)
     document.setDataLibrary(library.shared_library(libraries))
     cycles.check_cycles(document, str(file))
-    return document
+    return document, _listed([*reading.files, *named])
 
 
 #: Types that only a node has; no text is a value of theirs.
@@ -61,7 +72,10 @@ def _drop_empty(document: mx.Document) -> None:
 
 def files_of(path: Path, document: mx.Document) -> list[Path]:
     """Every file that a material's shaders are made of: documents, images, and the source code of its own nodes."""
-    files = [*included_documents(path), *external.check_files(document, path, True)]
+    return _listed([*included_documents(path), *external.check_files(document, path, True)])
+
+
+def _listed(files: list[Path]) -> list[Path]:
     return list(dict.fromkeys(map(filenames.absolute, files)))
 
 

@@ -160,14 +160,15 @@ def _own_graphs(node: mx.Node, target: str) -> Iterator[mx.NodeGraph]:
     """The graphs of the document that implement a node."""
     document = node.getDocument()
     definition = node.getNodeDef(target) or node.getNodeDef()
-    if definition is None or document.getChild(definition.getName()) is None:
+    # Not by name: from 1.39.5 on a document finds its data library's elements too.
+    if definition is None or definition.getDocument() is not document:
         return
     if target:
         found = [definition.getImplementation(target)]
     else:
         found = document.getMatchingImplementations(definition.getName())
     for each in found:
-        if isinstance(each, mx.NodeGraph) and document.getChild(each.getName()) is not None:
+        if isinstance(each, mx.NodeGraph) and each.getDocument() is document:
             yield each
 
 

@@ -78,7 +78,7 @@ def check_files(document: mx.Document, path: Path, allow_external: bool = False)
     check = _Check(path, allow_external)
     for port in _filenames(document):
         check.image(filenames.resolved(port), port.getNamePath())
-    for implementation in document.getImplementations():
+    for implementation in _implementations(document):
         check.source(implementation.getFile(), implementation)
     return list(dict.fromkeys(map(filenames.absolute, check.found)))
 
@@ -170,6 +170,11 @@ def _filenames(document: mx.Document) -> Iterator[mx.ValueElement]:
             yield element
 
 
+def _implementations(document: mx.Document) -> list[mx.Implementation]:
+    """A document's own: the hundreds of its data library are that library's."""
+    return [each for each in document.getChildren() if isinstance(each, mx.Implementation)]
+
+
 def move_names(document: mx.Document, old: Path, new: Path) -> None:
     """Have what a document names by absolute names below one folder read below another."""
     for element in (document, *document.traverseTree()):
@@ -179,7 +184,7 @@ def move_names(document: mx.Document, old: Path, new: Path) -> None:
         moved = moved_name(port.getValueString(), old, new)
         if moved != port.getValueString():
             port.setValueString(moved)
-    for implementation in document.getImplementations():
+    for implementation in _implementations(document):
         if implementation.hasFile():
             implementation.setFile(moved_name(implementation.getFile(), old, new))
 

@@ -267,12 +267,14 @@ def explicit(document: mx.Document) -> mx.Document:
     comes into it.
     """
     copy = _copied(document)
-    definitions = units.unit_definitions(copy, library.shared_library())
+    has_units = any(port.hasAttribute("unit") for port in _inputs(copy))
+    definitions = units.unit_definitions(copy, library.shared_library()) if has_units else None
     edits = _Edits()
     for port in _node_inputs(copy):
         if port.getType() in (*_COLORS, "filename") and space_of(port):
             edits.set(port, colorspace=space_of(port))
-        _settle_unit(port, definitions, edits, insert=False)
+        if definitions is not None:
+            _settle_unit(port, definitions, edits, insert=False)
     for element in (copy, *copy.traverseTree()):
         if not isinstance(element, mx.ValueElement):
             element.removeAttribute("colorspace")

@@ -133,6 +133,18 @@ def test_what_an_element_uses_is_each_thing_once(tmp_path: Path):
     assert len(used) == len(set(used)) == 901
 
 
+def test_what_a_library_s_surface_is_made_of_is_the_library_s(tmp_path: Path):
+    whole = (
+        '<mrm_standard_surface name="s" type="surfaceshader" />'
+        '<surfacematerial name="m" type="material">'
+        '<input name="surfaceshader" type="surfaceshader" nodename="s" /></surfacematerial>'
+    )
+    document = read_document(written(tmp_path, whole))
+    for target in ("", "genglsl"):
+        used = used_by([find_renderable(document, "", None)], target)
+        assert [each.getNamePath() for each in used] == ["m", "m/surfaceshader", "s"]
+
+
 # --- values that are none
 
 EMPTY = {

@@ -2,7 +2,10 @@
 
 import multiprocessing
 import os
+from random import Random
 from types import SimpleNamespace
+
+import pytest
 
 from mrm_nodes.regression import cluster
 from mrm_nodes.regression.cases import default_suite
@@ -16,8 +19,12 @@ def task(name, structure, seconds):
     return SimpleNamespace(name=name, structure=structure, seconds=seconds)
 
 
-def taken(queue, own, others):
-    return queue.take(own, others).name
+def queue_of(tasks):
+    return Queue(tasks, lambda each: each.seconds)
+
+
+def taken(queue, worker, workers=("first", "second")):
+    return queue.take(worker, workers).name
 
 
 def test_the_longest_comes_first_and_structures_stay_together():
@@ -28,32 +35,111 @@ def test_the_longest_comes_first_and_structures_stay_together():
         task("b2", "b", 2),
         task("c1", "c", 2),
     ]
-    queue = Queue(tasks, lambda each: each.seconds)
-    mine, other = set(), set()
-    assert taken(queue, mine, other) == "a2"
-    assert taken(queue, other, mine) == "b1"
-    assert mine == {"a"}
+    queue = queue_of(tasks)
+    assert taken(queue, "first") == "a2"
+    assert taken(queue, "second") == "b1"
     # b2 is as long as c1, but another worker has its shader.
-    assert taken(queue, mine, other) == "c1"
-    assert taken(queue, mine, other) == "a1"
+    assert taken(queue, "first") == "c1"
+    assert taken(queue, "first") == "a1"
     # Nothing else is left.
-    assert taken(queue, mine, other) == "b2"
+    assert taken(queue, "first") == "b2"
     assert not queue
 
 
 def test_a_worker_stays_with_its_structure_among_equals():
-    tasks = [task("a1", "a", 1), task("b1", "b", 1), task("a2", "a", 1), task("b2", "b", 1)]
-    queue = Queue(tasks, lambda each: each.seconds)
-    own = {"b"}
-    assert [taken(queue, own, set()) for _ in tasks] == ["b1", "b2", "a1", "a2"]
+    tasks = [
+        task("a1", "a", 1),
+        task("b0", "b", 2),
+        task("b1", "b", 1),
+        task("a2", "a", 1),
+        task("b2", "b", 1),
+    ]
+    queue = queue_of(tasks)
+    assert [taken(queue, "first") for _ in tasks] == ["b0", "b1", "b2", "a1", "a2"]
 
 
-def test_many_tasks_are_handed_out_quickly():
-    """Each hand-out looks at the structures, not at all tasks: 50,000 would take minutes otherwise."""
-    tasks = [task(str(number), number % 10, number % 7) for number in range(50_000)]
-    queue = Queue(tasks, lambda each: each.seconds)
-    own = set()
-    assert sorted(taken(queue, own, set()) for _ in tasks) == sorted(each.name for each in tasks)
+def test_what_a_worker_had_that_is_gone_is_anyone_s():
+    queue = queue_of([task("a1", "a", 2), task("b1", "b", 1), task("a2", "a", 2)])
+    assert taken(queue, "first") == "a1"
+    assert taken(queue, "second", ["second", "third"]) == "a2"
+
+
+class Plainly:
+    """The rule of `Queue.take` as it reads: every structure is looked at for each task."""
+
+    def __init__(self, tasks):
+        self.waiting, self.had = {}, {}
+        for each in sorted(tasks, key=lambda each: -each.seconds):
+            self.waiting.setdefault(each.structure, []).append(each)
+
+    def take(self, worker, workers):
+        self.had = {each: structures for each, structures in self.had.items() if each in workers}
+        own = self.had.setdefault(worker, set())
+        others = {each for other in self.had if other != worker for each in self.had[other]}
+
+        def rank(structure):
+            is_own = structure in own
+            return is_own or structure not in others, self.waiting[structure][0].seconds, is_own
+
+        structure = max(self.waiting, key=rank)
+        found = self.waiting[structure].pop(0)
+        if not self.waiting[structure]:
+            del self.waiting[structure]
+        own.add(structure)
+        return found
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_order_is_that_of_the_rule_with_any_workers_also_as_some_are_lost(seed):
+    random = Random(seed)
+    tasks = [task(str(number), random.randrange(30), random.randrange(4)) for number in range(120)]
+    workers = list(range(random.randrange(1, 6)))
+    queue, plainly = queue_of(tasks), Plainly(tasks)
+    for number in range(len(tasks)):
+        if random.random() < 0.1:
+            workers[random.randrange(len(workers))] = f"instead {number}"
+        worker = random.choice(workers)
+        assert queue.take(worker, workers) is plainly.take(worker, workers)
+    assert not queue
+
+
+class Seconds(float):
+    """Counts how often two are compared: a heap does nothing else."""
+
+    compared = 0
+
+    def __lt__(self, other):
+        Seconds.compared += 1
+        return float(self) < float(other)
+
+    def __gt__(self, other):
+        Seconds.compared += 1
+        return float(self) > float(other)
+
+    def __neg__(self):
+        return Seconds(-float(self))
+
+
+class Structure(int):
+    """Counts how often one is looked up."""
+
+    looked_up = 0
+
+    def __hash__(self):
+        Structure.looked_up += 1
+        return int(self)
+
+
+def test_handing_out_many_tasks_of_many_structures_looks_at_few_for_each():
+    count = 4000
+    tasks = [task(str(n), Structure(n % (count // 5)), Seconds(n % 7)) for n in range(count)]
+    queue = queue_of(tasks)
+    Seconds.compared = Structure.looked_up = 0
+    for number in range(count):
+        queue.take(number % 2, range(2))
+    # A heap's height, a few times over.
+    assert Seconds.compared < 100 * count
+    assert Structure.looked_up < 5 * count
 
 
 def test_more_points_and_lights_are_expected_to_take_longer():

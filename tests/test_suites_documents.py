@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from mrm_nodes.regression import suitefile
+from mrm_nodes import documents, elements, external
+from mrm_nodes.regression import inputs, suitefile
 from mrm_nodes.regression.material_case import MaterialCase
 from mrm_nodes.regression.patterns import files_matching
 from mrm_nodes.regression.suitefile import load
@@ -161,3 +165,62 @@ def test_a_key_of_a_great_many_names_is_refused(tmp_path: Path, text: str, name:
     suite.write_text(text.format(" . ".join([name] * 100_000)))
     with pytest.raises(SuiteError, match="a key of more than 100 names"):
         read_table(suite)
+
+
+def test_each_document_of_a_suite_is_read_and_looked_through_once_for_all_of_its_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    """What a suite of thousands takes hangs on it: counted, since no clock is to be trusted."""
+    counts: Counter[str] = Counter()
+
+    def counted(owner: object, name: str, what: Callable[..., object]) -> None:
+        function = getattr(owner, name)
+
+        def call(*arguments: Any, **options: Any) -> Any:
+            counts[f"{name} {what(*arguments)}"] += 1
+            return function(*arguments, **options)
+
+        monkeypatch.setattr(owner, name, call)
+
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.mtlx").write_text(INCLUDING, "utf-8")
+    (tmp_path / "part.inc").write_text(INCLUDED, "utf-8")
+    (tmp_path / "map.png").write_bytes(b"")
+    (tmp_path / "suite.toml").write_text(MANY_CASES, "utf-8")
+    counted(documents._Reading, "_parse", lambda reading, document, file, content: Path(file).name)
+    counted(external, "check_files", lambda document, path, *others: path.name)
+    counted(external._Check, "source", lambda check, name, implementation: implementation.getName())
+    counted(elements, "check_document", lambda document, where, *others: where)
+    counted(suitefile, "closure_of", lambda document, element: element)
+    counted(inputs, "_file_digest", lambda path: path.name)
+    cases = load(tmp_path / "suite.toml").cases
+    assert len(cases) == 2 * 6
+    assert {path.name for path in cases[0].files()} == {"a.mtlx", "part.inc", "map.png"}
+    contents = inputs.Inputs()
+    assert len({inputs.key(case, "egl", contents, "") for case in cases}) == len(cases)
+    assert counts == {
+        # Once for each document that includes it.
+        "_parse part.inc": 2,
+        **{f"{what} {name}.mtlx": 1 for what in ("_parse", "check_files", "check_document") for name in "ab"},
+        "closure_of m": 2,
+        **{f"_file_digest {name}": 1 for name in ("a.mtlx", "b.mtlx", "part.inc", "map.png")},
+    }
+
+
+INCLUDING = """<materialx version="1.39" xmlns:xi="http://www.w3.org/2001/XInclude">
+<xi:include href="part.inc" />
+<mrm_standard_surface name="s" type="surfaceshader"><input name="base_color" type="color3" nodename="i" />
+</mrm_standard_surface>
+<surfacematerial name="m" type="material"><input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial></materialx>"""
+
+INCLUDED = """<materialx version="1.39"><image name="i" type="color3">
+<input name="file" type="filename" value="map.png" /></image></materialx>"""
+
+MANY_CASES = """
+[[case]]
+material = "*.mtlx"
+[case.matrix]
+mesh = ["sphere", "plane"]
+size = [8, 16, 32]
+"""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import functools
+import heapq
 import itertools
 import multiprocessing.connection
 import os
@@ -17,7 +18,7 @@ import sys
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
@@ -68,41 +69,91 @@ def estimate(task: Task) -> float:
 
 
 class Queue:
-    """Tasks that wait: the longest first, and those that share shaders to one worker as far as possible."""
+    """Tasks that wait: the longest first, and those that share shaders to one worker as far as possible.
+
+    Structures lie in heaps, those that no worker has in one, and those that a worker has in its own: what a hand-out
+    takes grows with the workers, and hardly with the tasks.
+    """
 
     def __init__(self, tasks: Iterable[Task], seconds: Callable[[Task], float] = estimate) -> None:
         ordered = sorted(((seconds(task), task) for task in tasks), key=lambda each: -each[0])
-        self._waiting: dict[Any, deque[tuple[float, Task]]] = {}
+        self._waiting: dict[Any, _Group] = {}
         for expected, task in ordered:
-            self._waiting.setdefault(task.structure, deque()).append((expected, task))
+            group = self._waiting.setdefault(task.structure, _Group(len(self._waiting)))
+            group.tasks.append((expected, task))
+        self._free = [group.entry() for group in self._waiting.values()]
+        self._held: dict[Any, list[_Entry]] = {}
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
 
-    def take(self, own: set[Any], others: set[Any]) -> Task:
+    def take(self, worker: Any, workers: Iterable[Any]) -> Task:
         """The next task for a worker.
 
         It is the longest whose structure the worker has or no other has; one that only others have comes last.
 
         Args:
-            own: structures whose shaders the worker has; that of the task is added.
-            others: structures that other workers have.
+            workers: who there is; a worker has the structures of the tasks that it took.
         """
-
-        def rank(structure: Any) -> tuple[bool, float, bool]:
-            return (
-                structure in own or structure not in others,
-                self._waiting[structure][0][0],
-                structure in own,
-            )
-
-        structure = max(self._waiting, key=rank)
-        group = self._waiting[structure]
-        _, task = group.popleft()
-        if not group:
-            del self._waiting[structure]
-        own.add(structure)
+        for gone in self._held.keys() - set(workers):
+            self._forget(gone)
+        own = self._held.setdefault(worker, [])
+        # The worker's own comes first among equals.
+        best = min((heap for heap in (own, self._free) if self._settled(heap)), key=_longest, default=None)
+        if best is None:
+            others = [heap for heap in self._held.values() if self._settled(heap)]
+            best = min(others, key=lambda heap: heap[0])
+        group = best[0][2]
+        _, task = group.tasks.popleft()
+        if best is not own:
+            if best is self._free:
+                heapq.heappop(best)
+            if group.tasks:
+                heapq.heappush(own, group.entry())
+            group.holders.add(worker)
+        if not group.tasks:
+            del self._waiting[task.structure]
         return task
+
+    @staticmethod
+    def _settled(heap: list[_Entry]) -> bool:
+        """Whether a heap has a group; its first entry is then up to date, whoever took from the group since."""
+        while heap:
+            group = heap[0][2]
+            if not group.tasks:
+                heapq.heappop(heap)
+            elif group.entry() != heap[0]:
+                heapq.heapreplace(heap, group.entry())
+            else:
+                return True
+        return False
+
+    def _forget(self, worker: Any) -> None:
+        """Have nobody hold what a worker held that is gone."""
+        for _, _, group in self._held.pop(worker):
+            group.holders.discard(worker)
+            if group.tasks and not group.holders:
+                heapq.heappush(self._free, group.entry())
+
+
+@dataclass(eq=False)
+class _Group:
+    """Tasks that share shaders, the longest first, and the workers that have those shaders."""
+
+    number: int
+    tasks: deque[tuple[float, Task]] = field(default_factory=deque)
+    holders: set[Any] = field(default_factory=set)
+
+    def entry(self) -> _Entry:
+        """What a heap has of it, the longest first; among equals the group that came first."""
+        return -self.tasks[0][0], self.number, self
+
+
+_Entry = tuple[float, int, _Group]
+
+
+def _longest(heap: list[_Entry]) -> float:
+    return heap[0][0]
 
 
 @dataclass(frozen=True)
@@ -156,7 +207,6 @@ class WorkerProcess:
     )
 
     def __init__(self, backend: str, variables: Mapping[str, str], evaluates: bool = True) -> None:
-        self.structures: set[Any] = set()
         self.task: Task | None = None
         self.folder = Path()
         self.driver = ""
@@ -287,8 +337,7 @@ def run_locally(
         for member in crew.idle():
             if not (again or queue):
                 break
-            others = {each for other in crew.members if other is not member for each in other.structures}
-            task = again.popleft() if again else queue.take(member.structures, others)
+            task = again.popleft() if again else queue.take(member, crew.members)
             folder = used_folders.popleft() if used_folders else next(new_folders)
             folder.mkdir(exist_ok=True)
             member.give(task, folder, time_limit)

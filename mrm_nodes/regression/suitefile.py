@@ -536,7 +536,7 @@ class _Maker:
         _, wrong = self._elements(material)
         if wrong:
             return (os.path.normpath(material),)
-        found = documents.files_of(self._folder / material, self._document(material))
+        _, found = self._as_read(material)
         return tuple(map(self._relative, found))
 
     def _unknown(
@@ -559,13 +559,15 @@ class _Maker:
         return tuple(map(self._relative, found))
 
     @functools.cache  # noqa: B019
-    def _as_read(self, material: str) -> mx.Document:
-        return documents.read_document(self._folder / material, allow_external=self._allow_external)
+    def _as_read(self, material: str) -> tuple[mx.Document, list[Path]]:
+        """A document, and the files that its shaders are made of."""
+        return documents.read_with_files(self._folder / material, allow_external=self._allow_external)
 
     def _read(self, material: str) -> mx.Document:
         """A document to be changed at will: reading it each time would be most of the time that a suite takes."""
+        read, _ = self._as_read(material)
         document = mx.createDocument()
-        document.copyContentFrom(self._as_read(material))
+        document.copyContentFrom(read)
         document.setDataLibrary(shared_library())
         return document
 

@@ -129,7 +129,8 @@ class TextureCache:
         else:
             texture.build_mipmaps()
             texture.filter = (moderngl.LINEAR_MIPMAP_LINEAR, moderngl.LINEAR)
-        texture.anisotropy = min(_ANISOTROPY, self._context.ctx.max_anisotropy)
+            # Mesa's software driver has no closest texel beside it.
+            texture.anisotropy = min(_ANISOTROPY, self._context.ctx.max_anisotropy)
         self._set_address_modes(texture, sampling)
         return texture
 

@@ -104,6 +104,15 @@ KINDS = {
     <output name="pair" type="vector2" nodename="two" />
   </nodegraph>"""
     ),
+    "suite/frame": _document(
+        """  <nodegraph name="graph">
+    <frame name="number" type="float" />
+    <multiply name="scaled" type="float">
+      <input name="in1" type="float" nodename="number" /><input name="in2" type="float" value="0.3" />
+    </multiply>
+    <output name="out" type="float" nodename="scaled" />
+  </nodegraph>"""
+    ),
     "suite/definition": _document(
         """  <nodedef name="ND_halved" node="halved">
     <input name="in" type="color3" value="0.8, 0.4, 0.2" /><output name="out" type="color3" />

@@ -6,9 +6,11 @@ import os
 import shutil
 from pathlib import Path
 
+import document_kinds
 import MaterialX as mx
 import numpy as np
 import pytest
+import sweep
 from sweep import inner, start, write_obj
 
 from mrm_nodes.regression.material import document
@@ -73,3 +75,22 @@ def test_materialx_own_renderer_draws_the_same_image(
     assert ours.image[inside].max() > 0.05
     error = np.abs(theirs - ours.image)[inside] / np.maximum(np.abs(ours.image[inside]), 1e-3)
     assert error.max() < 5e-5
+
+
+@pytest.mark.client("MaterialX's own `GlslRenderer`: the same image")
+def test_every_kind_of_document_is_drawn_as_materialx_draws_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MATERIALX_SEARCH_PATH", str(tmp_path))
+    root = tmp_path / "resources"
+    theirs = sweep.Theirs()
+    rows = [
+        sweep.Row(str(file.relative_to(root)), element)
+        for file in document_kinds.write(root)
+        for element in theirs.renderables(theirs.document(file, root))
+    ]
+    sweep.draw(rows, root, tmp_path / "work")
+    assert len(rows) >= len(document_kinds.KINDS) - 1
+    differ = [row for row in rows if row.picture != "same"]
+    # Where no file is named, its renderer reads whatever texture is bound; we take the node's default.
+    assert [row.document for row in differ] == ["Materials/suite/unnamed.mtlx"], differ

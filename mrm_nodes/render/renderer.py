@@ -557,6 +557,9 @@ class Renderer:
             "u_numActiveLightSources": len(lights),
             "u_envRadianceSamples": samples_in_the_dark(shader),
             "u_envLightIntensity": 1.0,
+            # As MaterialX's own renderer has them where nobody plays a film.
+            "u_time": 0.0,
+            "u_frame": 1.0,
             # Every point is drawn; meshes have a threshold of each pass.
             ALPHA_THRESHOLD: 0.0,
         }

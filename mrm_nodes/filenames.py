@@ -201,7 +201,7 @@ def absence(name: str, folders: Sequence[Path]) -> str:
     foreign = _FOREIGN_TOKEN.search(text)
     if near:
         reasons.append(f"there is {near}, whose name is written otherwise (case, spaces, % or accents)")
-    elif foreign:
+    elif foreign and not is_tiled(text):
         reasons.append(f"MaterialX does not know {foreign[0]}: a set of tiles is named by {UDIM} or {UVTILE}")
     elif text.startswith("~") or re.search(r"\$\{?\w|%\w+%", text):
         reasons.append("`~`, `$` and `%` are plain text in MaterialX: write the folder out")

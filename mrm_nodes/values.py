@@ -7,7 +7,7 @@ an image's pixels by whoever reads them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
 import MaterialX as mx
@@ -108,6 +108,7 @@ def settle(document: mx.Document, element: mx.Element, where: str) -> Settled:
                 used = {each.getNamePath() for each in used_by([element])}
             if port.getNamePath() in used:
                 raise MrmError(f"{where}: {error}") from None
+    _decode_once(ports, edits)
     return Settled(
         _edited(document, edits),
         {path: space for path, space in edits.spaces.items() if space is not None},
@@ -197,6 +198,30 @@ def _settle_space(port: mx.Input, own: frozenset[str], edits: _Edits) -> None:
         edits.foreign[f"{what}, so that the code takes the image as linear: convert its pixels"] = None
     else:
         raise MrmError(f"{what}: write one that it knows, or give it to the node that names the file")
+
+
+def _decode_once(ports: Iterable[mx.Input], edits: _Edits) -> None:
+    """Leave one tagged file to a node of several, such as triplanarprojection; where they differ, none.
+
+    MaterialX decodes what the node gives, once for each file that is tagged: its generators crash at the second.
+    """
+    tagged: dict[str, list[tuple[mx.Input, str]]] = {}
+    for port in ports:
+        if port.getType() == "filename":
+            space = edits.attributes.get(port.getNamePath(), {}).get("colorspace", port.getActiveColorSpace())
+            if not colorspaces.is_linear(space):
+                tagged.setdefault(port.getParent().getNamePath(), []).append((port, space))
+    for files in tagged.values():
+        if len(files) == 1:
+            continue
+        alike = len({space for _, space in files}) == 1
+        for port, space in files[1:] if alike else files:
+            edits.set(port, colorspace=colorspaces.LINEAR)
+            if not alike:
+                path = outermost(port).getNamePath()
+                edits.spaces[path] = colorspaces.ocio_name(space)
+                what = f"{path}: MaterialX decodes files in one colour space for a node, and not {space} beside others"
+                edits.foreign[f"{what}: the code takes the image as linear: convert its pixels"] = None
 
 
 def as_linear(text: str, space: str) -> str:

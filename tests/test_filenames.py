@@ -276,3 +276,8 @@ def test_a_name_that_means_nothing_is_told_why(name: str, told: str, tmp_path: P
     why = filenames.absence(name, [tmp_path])
     assert told in why
     assert "\n" not in why
+
+
+def test_a_set_of_no_tile_is_not_called_a_foreign_one(tmp_path: Path):
+    assert "does not know" not in filenames.absence("a.<UDIM>.png", [tmp_path])
+    assert "does not know <udim>" in filenames.absence("a.<udim>.png", [tmp_path])

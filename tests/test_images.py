@@ -191,6 +191,15 @@ def test_the_colours_of_an_image_are_drawn(kind: str, renderer: Renderer, tmp_pa
     assert image.reshape(-1, 3).max(axis=0) == pytest.approx(COLOR, abs=3e-3)
 
 
+@pytest.mark.parametrize(
+    "names", [("N.X", "N.Y", "N.Z"), ("normal.x", "normal.y", "normal.z"), ("X", "Y", "Z")]
+)
+def test_coordinates_are_read_as_they_are_named(names: tuple[str, ...], tmp_path: Path):
+    """The Y of a normal is no luminance."""
+    save(tmp_path / "n.exr", flat(0.5, 0.25, 0.125), names=names)
+    assert read_image(tmp_path / "n.exr")[0, 0].tolist() == [0.5, 0.25, 0.125]
+
+
 def test_a_layer_is_chosen_by_its_name(renderer: Renderer, tmp_path: Path):
     names = (*RGB, "diffuse.R", "diffuse.G", "diffuse.B")
     save(tmp_path / "a.exr", flat(9.0, 9.0, 9.0, *COLOR), names=names)

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from numpy.testing import assert_allclose
 
 import mrm_nodes
 from mrm_nodes.cli import cli
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.regression.suitefile import load
 from mrm_nodes.regression.worker import Worker
-from mrm_nodes.render import Renderer, plane, probe_backends
+from mrm_nodes.render import Renderer, plane, probe_backends, write_png
 
 UNLIT = """
 <surface_unlit name="s" type="surfaceshader"><input name="emission_color" type="color3" {} /></surface_unlit>
@@ -320,6 +321,42 @@ def test_generated_code_comes_with_a_word_on_colour_spaces_that_are_not_material
     strict = CliRunner().invoke(cli, [*request, "--strict"])
     assert isinstance(strict.exception, MrmError)
     assert re.search(said, str(strict.exception))
+
+
+@pytest.mark.parametrize("target", mrm_nodes.supported_targets())
+@pytest.mark.parametrize("around", ["", 'colorspace="srgb_texture"'])
+def test_a_node_of_several_tagged_files_is_generated(around: str, target: str, tmp_path: Path):
+    """MaterialX 1.39.5's generators crash at a second file that they are to decode."""
+    path = write(tmp_path, triplanar(["" if around else "srgb_texture"] * 3), around)
+    code = mrm_nodes.generate_shader(path, target).pixel
+    assert "srgb_texture_to_lin_rec709" in code
+
+
+@pytest.mark.parametrize("spaces", [["srgb_texture"] * 3, ["none", "srgb_texture", "none"]])
+def test_files_of_one_node_are_decoded(spaces: list[str], renderer: Renderer, tmp_path: Path):
+    write_png(tmp_path / "t.png", np.full((8, 8, 3), 0.2158605))
+    shown = drawn(renderer, write(tmp_path, triplanar(spaces)))
+    assert_allclose(shown, (128 / 255 + 0.055) ** 2.4 / 1.055**2.4, atol=1e-4)
+
+
+def test_files_of_one_node_may_be_in_different_colour_spaces(renderer: Renderer, tmp_path: Path):
+    """The plane faces z: the third file is what is seen."""
+    write_png(tmp_path / "t.png", np.full((8, 8, 3), 0.2158605))
+    path = write(tmp_path, triplanar(["g18_rec709", "g18_rec709", "srgb_texture"]))
+    assert_allclose(drawn(renderer, path), (128 / 255 + 0.055) ** 2.4 / 1.055**2.4, atol=1e-4)
+    with pytest.warns(MrmWarning, match="c/filez: MaterialX decodes files in one colour space for a node"):
+        CliRunner().invoke(cli, ["generate", str(path), "--target", "osl", "-o", str(tmp_path)])
+    strict = ["generate", str(path), "--target", "osl", "-o", str(tmp_path), "--strict"]
+    assert isinstance(CliRunner().invoke(cli, strict).exception, MrmError)
+
+
+def triplanar(spaces: list[str]) -> str:
+    tags = [f'colorspace="{space}"' if space else "" for space in spaces]
+    files = "".join(
+        f'<input name="file{axis}" type="filename" value="t.png" {tag} />'
+        for axis, tag in zip("xyz", tags, strict=True)
+    )
+    return f'<triplanarprojection name="c" type="color3">{files}</triplanarprojection>'
 
 
 def test_a_value_in_two_colour_spaces_is_refused(tmp_path: Path):

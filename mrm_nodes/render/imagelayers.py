@@ -49,12 +49,19 @@ def layers_of(source: Any) -> list[Layer]:
             groups.setdefault(layer, {})[_CHANNELS.get(channel.lower(), channel.lower())] = number
         part_name = str(spec.getattribute("oiio:subimagename") or "")
         for layer, channels in groups.items():
-            colors = next((each for each in ("rgb", "y") if set(each) <= set(channels)), "")
+            # The Y of an X is a coordinate, as in a layer of normals, and no luminance.
+            known = ("rgb", "xyz", "xy", "y")
+            colors = next((each for each in known if set(each) <= set(channels)), "")
             if {"y", "ry", "by"} <= set(channels):
                 colors = ""
             chosen = [channels[each] for each in (*colors, *("a" if colors and "a" in channels else ""))]
             found.append(
-                Layer(layer or part_name, part, tuple(chosen or channels.values()), is_color=bool(colors))
+                Layer(
+                    layer or part_name,
+                    part,
+                    tuple(chosen or channels.values()),
+                    is_color=colors in ("rgb", "y"),
+                )
             )
     return found
 

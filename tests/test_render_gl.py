@@ -476,6 +476,30 @@ def test_shading_points_together_changes_no_bit(each_renderer, conductor, monkey
         assert np.array_equal(array, one_by_one[name]), name
 
 
+@pytest.mark.parametrize(
+    ("graph", "type_", "expected"),
+    [
+        (
+            '<input name="d" type="color3" value="0.25, 0.5, 0.75"/><image name="n" type="color3">'
+            '<input name="default" type="color3" interfacename="d"/>',
+            "color3",
+            [0.25, 0.5, 0.75],
+        ),
+        (
+            '<image name="n" type="float">'
+            '<input name="default" type="float" value="50" unit="centimeter" unittype="distance"/>',
+            "float",
+            [0.5, 0.5, 0.5],
+        ),
+    ],
+)
+def test_without_a_file_the_default_counts_by_an_interface_and_in_a_unit_too(
+    each_renderer, graph, type_, expected
+):
+    shader = pattern(graph + '<input name="file" type="filename" value=""/></image>', type_)
+    np.testing.assert_allclose(each_renderer.render(shader, plane(), size=(8, 8)).image[4, 4], expected, 1e-6)
+
+
 def test_points_can_read_an_image(renderer, corners):
     shader = pattern(IMAGE.format(file=corners, mode="clamp", texcoord=""))
     texcoord = np.array([(0.25, 0.75), (0.75, 0.75), (0.25, 0.25)])

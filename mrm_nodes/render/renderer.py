@@ -727,7 +727,7 @@ def _images(shader: Shader, program: _Program, values: Mapping[str, Uniform]) ->
             Sampling(
                 (u_mode, v_mode),
                 filter_type,
-                border_color(_neighbour(shader, values, stem, "default") or [0.0]),
+                border_color(_default_of(shader, values, stem, path) or [0.0]),
                 shader.spaces.get(path, ""),
                 _layer(shader, values.get(f"{stem}_layer")),
                 top_row_first=re.search(r"1\.0 - uv\.y", shader.pixel) is not None,
@@ -744,6 +744,24 @@ def _neighbour(shader: Shader, values: Mapping[str, Uniform], stem: str, suffix:
         if name in shader.sampling:
             return shader.sampling[name]
     return None
+
+
+def _default_of(shader: Shader, values: Mapping[str, Uniform], stem: str, path: str) -> Any:
+    """What an image shows where there is none of it.
+
+    path: of the input that names the file.
+    """
+    near = _neighbour(shader, values, stem, "default")
+    if near is not None:
+        return near
+    in_unit, factor = values.get(f"{stem}_default_unit_in1"), values.get(f"{stem}_default_unit_in2")
+    if in_unit is not None and factor is not None:
+        return np.multiply(in_unit.value, factor.value).tolist()
+    # What comes by a graph's interface is the graph's own uniform.
+    port = shader.document.getDescendant(f"{path.rpartition('/')[0]}/default")
+    given = port.getInterfaceInput() if isinstance(port, mx.Input) else None
+    inputs = {uniform.path: uniform.value for uniform in values.values()}
+    return None if given is None else inputs.get(given.getNamePath())
 
 
 def _layer(shader: Shader, uniform: Uniform | None) -> str:

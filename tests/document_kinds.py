@@ -104,6 +104,20 @@ KINDS = {
     <output name="pair" type="vector2" nodename="two" />
   </nodegraph>"""
     ),
+    "suite/struct": _document(
+        """  <typedef name="pair"><member name="first" type="float" value="0.1" />
+    <member name="second" type="float" value="0.2" /></typedef>
+  <nodedef name="ND_second" node="second">
+    <input name="in" type="pair" value="{0.1;0.2}" /><output name="out" type="float" value="0.0" />
+  </nodedef>"""
+        + "".join(
+            f'<implementation name="IM_{target}" nodedef="ND_second" target="{target}"'
+            ' sourcecode="{{in}}.second" />'
+            for target in ("genglsl", "genmsl", "genosl", "genmdl", "genslang")
+        )
+        + '<second name="taken" type="float"><input name="in" type="pair" value="{0.3;0.7}" /></second>'
+        + _surface("surface_unlit", '<input name="emission" type="float" nodename="taken" />')
+    ),
     "suite/frame": _document(
         """  <nodegraph name="graph">
     <frame name="number" type="float" />

@@ -75,9 +75,11 @@ def test_what_a_picture_shows_is_drawn(root: Path) -> None:
         assert np.ptp(hues, axis=0).max() > 0.2, name
 
 
-def test_address_modes_are_those_of_the_document_in_a_reduced_shader_too(root: Path) -> None:
+@pytest.mark.parametrize("name", ["examples/clamped", "suite/struct"])
+def test_a_complete_and_a_reduced_shader_draw_the_same(root: Path, name: str) -> None:
+    """With the address modes of the document, and the members of its structures."""
     shaders = [
-        shadergen.generate_shader(file_of(root, "examples/clamped"), interface=each, allow_external=True)
+        shadergen.generate_shader(file_of(root, name), interface=each, allow_external=True)
         for each in ("complete", "reduced")
     ]
     mesh = sweep.load_mesh("sphere")

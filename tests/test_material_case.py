@@ -389,3 +389,17 @@ def test_the_evaluator_knows_gltf_without_sheen(tmp_path: Path, sheen: bool) -> 
             closure_of(document, "tape")
     else:
         assert "sheen" not in str(closure_of(document, "tape").tree)
+
+
+def test_a_value_for_the_normal_is_passed_over_as_generators_do(worker: Worker, tmp_path: Path) -> None:
+    body = """<mrm_standard_surface name="s" type="surfaceshader">
+  <input name="normal" type="vector3" value="1, 0.5, 1" />
+</mrm_standard_surface>
+<surfacematerial name="m" type="material">
+  <input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial>"""
+    write(tmp_path, body)
+    (case,) = load(tmp_path).cases
+    outcome = worker.run(replace(case, size=(32, 32)), tmp_path / "report")
+    assert outcome.truth == "physics"
+    assert outcome.verdict == "pass", outcome.figures

@@ -292,11 +292,12 @@ class _Reader:
         if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):
             folded = self._folded(port)
             return self._driven(port) if folded is None else folded
+        if declared.getAttribute("defaultgeomprop"):
+            # MaterialX's generators pass over a value there.
+            return None
         if port is not None and port.getValue() is not None:
             space = values.space_of(given) if port.getType() == "color3" else ""
             return plain_value(port) if colorspaces.is_linear(space) else self._decoded(port, space)
-        if declared.getAttribute("defaultgeomprop"):
-            return None
         return plain_value(declared)
 
     def _folded(self, port: mx.Input) -> float | None:

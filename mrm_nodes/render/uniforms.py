@@ -80,10 +80,32 @@ def _ports(shader: Shader) -> Iterator[Uniform]:
                 port = block[index]
                 kind = port.getType().getName()
                 value = port.getValue()
+                if value is not None and not hasattr(value, "getData"):
+                    yield from _members(shader, port.getVariable(), kind, value.getValueString())
+                    continue
                 data = None if value is None else _data(kind, value.getData())
                 if kind == "filename":
                     data = _file_name(shader, port.getPath(), data)
                 yield Uniform(port.getVariable(), port.getPath(), kind, data)
+
+
+def _members(shader: Shader, name: str, kind: str, text: str) -> Iterator[Uniform]:
+    """The members of a structure, each a uniform in GLSL; its value is written `{0.1;0.2, 0.3;{…}}`."""
+    parts, depth = [""], 0
+    for letter in text.strip()[1:-1]:
+        depth += (letter == "{") - (letter == "}")
+        if letter == ";" and depth == 0:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    for member, part in zip(shader.document.getTypeDef(kind).getMembers(), parts, strict=False):
+        of_member = f"{name}.{member.getName()}"
+        if part.strip().startswith("{"):
+            yield from _members(shader, of_member, member.getType(), part)
+        elif member.getType() == "boolean":
+            yield Uniform(of_member, "", "boolean", [int(part.strip() == "true")])
+        else:
+            yield Uniform(of_member, "", member.getType(), [float(number) for number in part.split(",")])
 
 
 def _file_name(shader: Shader, path: str, given: Any) -> str | None:

@@ -74,7 +74,7 @@ def test_the_package_is_the_command():
     [
         (["regres"], "No such command 'regres'"),
         (["regress", "--jobs", "none"], "Invalid value for '--jobs'"),
-        (["regress", "--suite", "nightly"], "unknown suite nightly: it is `default`, `full`, a .toml file, or a folder"),
+        (["regress", "--suite", "nightly"], "unknown suite nightly: it is `default`, `full`, a .toml file"),
         (["regress", "--filter", "no-such-case"], "no case matches no-such-case"),
         (["regress", "--filter", "figure5", "--backend", "glx"], "unknown backend glx; known: auto, all, egl"),
         (["doctor", "--backend", "glx"], "unknown backend glx; known: auto, egl, osmesa"),

@@ -29,9 +29,9 @@ EXAMPLES = [
 ]
 #: Our masking is exact there, MaterialX's takes the mean of both alphas.
 ANISOTROPIC = re.compile(r'anisotropy"[^>]* value="0?\.0*[1-9]|brushed')
-#: Without a base specular; of roughness 0, which no light but one in its mirror's direction shows; and a white
-#: metal of alpha 1, whose lobe is the same mirrored.
-ALIKE = re.compile(r'velvet|gltf_pbr_default|"(specular_)?roughness"[^>]* value="0(\.0*)?"')
+#: Without a base specular (the car paint's coat has the index of its base); of roughness 0, which no light but one in
+#: its mirror's direction shows; and a white metal of alpha 1, whose lobe is the same mirrored.
+ALIKE = re.compile(r'velvet|carpaint|gltf_pbr_default|"(specular_)?roughness"[^>]* value="0(\.0*)?"')
 #: Materials of one document that are drawn.
 MOST = 1
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import MaterialX as mx
 
-from mrm_nodes.elements import descendant, graph_around
+from mrm_nodes.elements import descendant, graph_around, used_by
 
 
 def named_for_code(document: mx.Document, element: mx.Element) -> tuple[mx.Document, mx.Element]:
@@ -18,10 +18,7 @@ def named_for_code(document: mx.Document, element: mx.Element) -> tuple[mx.Docum
     fitting = _fitting({name for name in names if _is_unfit(name)}, names)
     if not fitting:
         return document, element
-    copy = mx.createDocument()
-    copy.copyContentFrom(document)
-    if document.hasDataLibrary():
-        copy.setDataLibrary(document.getDataLibrary())
+    copy = _copy_of(document)
     found = descendant(copy, element.getNamePath())
     for each in list(copy.traverseTree()):
         for reference in ("nodename", "nodegraph", "interfacename", "output"):
@@ -32,6 +29,75 @@ def named_for_code(document: mx.Document, element: mx.Element) -> tuple[mx.Docum
         if each.getName() in fitting:
             each.setName(fitting[each.getName()])
     return copy, found
+
+
+def named_apart(
+    document: mx.Document, element: mx.Element, target: str
+) -> tuple[mx.Document, mx.Element, dict[str, str]]:
+    """A document in which no two nodes that an element uses share a uniform: the one given, or a copy.
+
+    MaterialX names a uniform by its node and input alone and declares each name once: of two nodes of one name in
+    two graphs the second would read the first one's values and image. Before 1.39.5 it may drop the second too.
+
+    Args:
+        element: what is rendered.
+        target: MaterialX's own name for it, such as `genglsl`.
+
+    Returns:
+        the document, the element in it, and the new path of each node that was renamed, by its path.
+    """
+    nodes = [each for each in used_by([element], target) if each.isA(mx.Node)]
+    # A document's own nodes keep their names, a graph's are no one's to ask for.
+    nodes.sort(key=lambda node: node.getNamePath().count("/"))
+    fitting: dict[str, str] = {}
+    names: set[str] = set()
+    uniforms: set[str] = set()
+    for node in nodes:
+        name, scope = node.getName(), node.getParent()
+        count = 0
+        while (
+            mx.createValidName(name) in names
+            or uniforms & _uniforms_of(node, name)
+            or (count and scope.getChild(name) is not None)
+        ):
+            count += 1
+            name = f"{scope.getName()}_{node.getName()}{count if count > 1 else ''}"
+        names.add(mx.createValidName(name))
+        uniforms |= _uniforms_of(node, name)
+        if name != node.getName():
+            fitting[node.getNamePath()] = name
+    if not fitting:
+        return document, element, {}
+    copy = _copy_of(document)
+    renamed = {path: copy.getDescendant(path) for path in fitting}
+    found = copy.getDescendant(element.getNamePath())
+    for path, node in renamed.items():
+        scope = node.getParent()
+        for port in scope.traverseTree():
+            if port.getAttribute("nodename") == node.getName() and _scope_of(port) == scope:
+                port.setAttribute("nodename", fitting[path])
+        node.setName(fitting[path])
+    return copy, found, {path: node.getNamePath() for path, node in renamed.items()}
+
+
+def _uniforms_of(node: mx.Node, name: str) -> set[str]:
+    """The uniforms that a node has under a name."""
+    definition = node.getNodeDef()
+    ports = definition.getActiveInputs() if definition is not None else node.getInputs()
+    return {f"{mx.createValidName(name)}_{port.getName()}" for port in ports}
+
+
+def _scope_of(port: mx.Element) -> mx.Element:
+    """The graph or document in which a port's `nodename` is looked for."""
+    return graph_around(port) or port.getDocument()
+
+
+def _copy_of(document: mx.Document) -> mx.Document:
+    copy = mx.createDocument()
+    copy.copyContentFrom(document)
+    if document.hasDataLibrary():
+        copy.setDataLibrary(document.getDataLibrary())
+    return copy
 
 
 def _is_unfit(name: str) -> bool:

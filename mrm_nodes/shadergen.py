@@ -21,7 +21,7 @@ from mrm_nodes import filenames, library, mdl, units, values
 from mrm_nodes.documents import one_line, read_document
 from mrm_nodes.elements import check_document, find_renderable, used_by
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
-from mrm_nodes.naming import named_for_code
+from mrm_nodes.naming import named_apart, named_for_code
 from mrm_nodes.transparency import may_be_transparent
 
 #: Light nodes as every shader of ours knows them, by the number that LightData.type carries.
@@ -54,6 +54,19 @@ class Shader:
     search_path: tuple[Path, ...]  # folders in which textures are looked for, in this order
     spaces: Mapping[str, str] = field(default_factory=dict)  # by path of an input: see values.Settled
     sampling: Mapping[str, Any] = field(default_factory=dict)  # how images are read, where no uniform says it
+    renamed: Mapping[str, str] = field(default_factory=dict)  # by path of a node as given: its path in `document`
+
+    def element_at(self, path: str) -> mx.Element | None:
+        """The element of `document` that stands for a node or an input, by its path in the document as given."""
+        node, _, name = path.rpartition("/")
+        own = f"{self.renamed[node]}/{name}" if node in self.renamed else self.renamed.get(path, path)
+        return self.document.getDescendant(own) if own else None
+
+    def path_given(self, path: str) -> str:
+        """The path in the document as given of an input in `document`."""
+        node, _, name = path.rpartition("/")
+        given = {own: before for before, own in self.renamed.items()}.get(node)
+        return path if given is None else f"{given}/{name}"
 
 
 def supported_targets() -> list[str]:
@@ -166,6 +179,7 @@ def generate_shader(
     for note in settled.unapplied:
         warnings.warn(f"{where}: {note}", MrmWarning, stacklevel=2)
     document, renderable = settled.document, settled.document.getDescendant(renderable.getNamePath())
+    document, renderable, renamed = named_apart(document, renderable, generator.getTarget())
     if target == "mdl":
         path = renderable.getNamePath()
         document, _ = mdl.prepared(values.explicit(document), libraries)
@@ -224,6 +238,7 @@ def generate_shader(
         search_path=tuple(filenames.image_folders(folder)),
         spaces=settled.spaces,
         sampling=sampling,
+        renamed=renamed,
     )
 
 

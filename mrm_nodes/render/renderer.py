@@ -758,14 +758,14 @@ def _default_of(shader: Shader, values: Mapping[str, Uniform], stem: str, path: 
     if in_unit is not None and factor is not None:
         return np.multiply(in_unit.value, factor.value).tolist()
     # What comes by a graph's interface is the graph's own uniform.
-    port = shader.document.getDescendant(f"{path.rpartition('/')[0]}/default")
+    port = shader.element_at(f"{path.rpartition('/')[0]}/default")
     given = port.getInterfaceInput() if isinstance(port, mx.Input) else None
     inputs = {uniform.path: uniform.value for uniform in values.values()}
     return None if given is None else inputs.get(given.getNamePath())
 
 
 def _layer(shader: Shader, uniform: Uniform | None) -> str:
-    port = None if uniform is None else shader.document.getDescendant(uniform.path)
+    port = None if uniform is None else shader.element_at(uniform.path)
     return "" if port is None else str(port.getValueString())
 
 

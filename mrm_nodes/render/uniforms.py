@@ -84,9 +84,10 @@ def _ports(shader: Shader) -> Iterator[Uniform]:
                     yield from _members(shader, port.getVariable(), kind, value.getValueString())
                     continue
                 data = None if value is None else _data(kind, value.getData())
+                path = shader.path_given(port.getPath())
                 if kind == "filename":
-                    data = _file_name(shader, port.getPath(), data)
-                yield Uniform(port.getVariable(), port.getPath(), kind, data)
+                    data = _file_name(shader, path, data)
+                yield Uniform(port.getVariable(), path, kind, data)
 
 
 def _members(shader: Shader, name: str, kind: str, text: str) -> Iterator[Uniform]:
@@ -118,7 +119,7 @@ def _file_name(shader: Shader, path: str, given: Any) -> str | None:
 
 def _input_at(shader: Shader, path: str) -> mx.ValueElement | None:
     """The input that a uniform's value comes from: one that is set, or its node's default."""
-    port = shader.document.getDescendant(path) if path else None
+    port = shader.element_at(path)
     if port is None:
         definition = _definition_at(shader, path)
         port = None if definition is None else definition.getActiveInput(path.rpartition("/")[2])
@@ -127,8 +128,7 @@ def _input_at(shader: Shader, path: str) -> mx.ValueElement | None:
 
 def _definition_at(shader: Shader, path: str) -> mx.NodeDef | None:
     """The definition of the node that has the input of a path."""
-    parent = path.rpartition("/")[0]
-    node = shader.document.getDescendant(parent) if parent else None
+    node = shader.element_at(path.rpartition("/")[0])
     return node.getNodeDef() if isinstance(node, mx.Node) else None
 
 

@@ -6,7 +6,7 @@ import contextlib
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -35,7 +35,7 @@ SUFFIXES = {"vulkan": "glsl", "essl": "glsl", "msl": "metal"}
 
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Run the command line and exit with its status; a fault is one line on stderr, never a traceback."""
-    warnings.showwarning = _show_warning
+    warnings.showwarning = _each_warning_once()
     warnings.simplefilter("always", MrmWarning)
     try:
         status = cli.main(arguments, prog_name="mrm-nodes", standalone_mode=False)
@@ -60,9 +60,17 @@ def _complain(message: str) -> int:
     return AT_FAULT
 
 
-def _show_warning(message: Warning | str, category: type[Warning], *where: Any, **others: Any) -> None:
-    if issubclass(category, MrmWarning):
-        click.echo(f"warning: {_one_line(str(message))}", err=True)
+def _each_warning_once() -> Callable[..., None]:
+    """Print warnings, each the first time: what is generated for eight targets has the same ones in each."""
+    told: set[str] = set()
+
+    def show(message: Warning | str, category: type[Warning], *where: Any, **others: Any) -> None:
+        line = f"warning: {_one_line(str(message))}"
+        if issubclass(category, MrmWarning) and line not in told:
+            told.add(line)
+            click.echo(line, err=True)
+
+    return show
 
 
 def _one_line(text: str) -> str:

@@ -54,7 +54,9 @@ class Shader:
     search_path: tuple[Path, ...]  # folders in which textures are looked for, in this order
     spaces: Mapping[str, str] = field(default_factory=dict)  # by path of an input: see values.Settled
     sampling: Mapping[str, Any] = field(default_factory=dict)  # how images are read, where no uniform says it
-    renamed: Mapping[str, str] = field(default_factory=dict)  # by path of a node as given: its path in `document`
+    renamed: Mapping[str, str] = field(
+        default_factory=dict
+    )  # by path of a node as given: its path in `document`
 
     def element_at(self, path: str) -> mx.Element | None:
         """The element of `document` that stands for a node or an input, by its path in the document as given."""

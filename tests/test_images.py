@@ -249,6 +249,30 @@ def test_what_is_no_picture_is_refused_by_name(tmp_path: Path):
         read_image(tmp_path / "off.exr")
 
 
+def test_texels_that_are_no_numbers_are_named(renderer: Renderer, tmp_path: Path):
+    pixels = flat(*COLOR)
+    pixels[0, 0, 1], pixels[1, 1, 2] = np.nan, np.inf
+    save(tmp_path / "a.exr", pixels)
+    with pytest.warns(MrmWarning, match=r"a\.exr: 2 of its texels are NaN or infinite"):
+        drawn(renderer, textured(tmp_path, "a.exr"))
+
+
+@pytest.mark.parametrize("ending", ["tif", "gif"])
+def test_of_several_pages_the_first_is_shown_and_that_is_said(
+    renderer: Renderer, tmp_path: Path, ending: str
+):
+    path, spec = str(tmp_path / f"a.{ending}"), oiio.ImageSpec(16, 16, 3, oiio.UINT8)
+    target = oiio.ImageOutput.create(path)
+    assert target.open(path, (spec, spec))
+    for page, value in enumerate((255, 0)):
+        assert page == 0 or target.open(path, spec, "AppendSubimage")
+        assert target.write_image(np.full((16, 16, 3), value, np.uint8))
+    target.close()
+    with pytest.warns(MrmWarning, match=rf"a\.{ending}: it has several pages: the first is shown"):
+        image = drawn(renderer, textured(tmp_path, f"a.{ending}"))
+    assert image[8, 8].tolist() == [1, 1, 1]
+
+
 def test_a_grey_has_its_value_in_each_colour_and_its_alpha_is_materialx_s_green(
     renderer: Renderer, tmp_path: Path
 ):

@@ -16,12 +16,16 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render import imagelayers
 
+#: Formats that hold one picture after another; what others have beside their first is a part of it.
+_PAGED = ("tiff", "gif", "webp")
+
 
 def read_image(path: str | os.PathLike[str], layer: str = "") -> NDArray[np.float32]:
     """Read an image as float32 of shape (height, width, channels), row 0 at the top; 8 bits become 0..1.
 
     Alpha stays as stored: colours are not multiplied with it. Of an EXR with layers it is the one with the colours
-    (MrmWarning where that is a choice), in its display window. An orientation that a camera noted is not applied.
+    (MrmWarning where that is a choice), in its display window; of a file with pages the first (MrmWarning too). An
+    orientation that a camera noted is not applied.
 
     Args:
         layer: the layer's name, where it is not to be chosen.
@@ -59,6 +63,7 @@ def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN, layer: s
         pixels = source.read_image(chosen.part, 0, first, last, wanted)
         # Some formats fill in what a truncated file lacks, and only leave a message.
         complaint = complaint_of(source.geterror)
+        has_more_pages = source.format_name() in _PAGED and bool(source.seek_subimage(1, 0))
     finally:
         source.close()
     if pixels is None or complaint:
@@ -70,6 +75,8 @@ def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN, layer: s
         names = ", ".join(each.name or "the one without a name" for each in layers if each is not chosen)
         message = f"{file}: shown is its layer {chosen.name or '(without a name)'}, and not {names}"
         warnings.warn(message, MrmWarning, stacklevel=2)
+    if has_more_pages:
+        warnings.warn(f"{file}: it has several pages: the first is shown", MrmWarning, stacklevel=2)
     return np.ascontiguousarray(pixels)
 
 

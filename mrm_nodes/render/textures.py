@@ -98,6 +98,10 @@ class TextureCache:
         pixels = read_pixels(file, layer=sampling.layer)[:, :, :4]
         if sampling.space or pixels.dtype.name not in _KEPT_FORMATS:
             pixels = read_image(file, sampling.layer)[:, :, :4]
+        broken = pixels.shape[0] * pixels.shape[1] - int(np.isfinite(pixels).all(axis=2).sum())
+        if broken:
+            message = f"{file}: {broken} of its texels are NaN or infinite, and what they reach is drawn so"
+            warnings.warn(message, MrmWarning, stacklevel=2)
         if pixels.shape[2] == 2:
             message = f"{file}: it has two channels: MaterialX takes them for red and green, the second for no alpha"
             warnings.warn(message, MrmWarning, stacklevel=2)
@@ -152,7 +156,8 @@ def find_image(name: str, search_path: Sequence[Path], uniform: str) -> filename
     """
     found = filenames.find(name, search_path)
     if found.file is None and not found.tiles:
-        raise MrmError(f"{name}: no such image (input {uniform}): {filenames.absence(name, search_path)}")
+        shown = name if name.strip() else repr(name)
+        raise MrmError(f"{shown}: no such image (input {uniform}): {filenames.absence(name, search_path)}")
     return found
 
 

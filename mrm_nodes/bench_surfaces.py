@@ -13,8 +13,8 @@ import MaterialX as mx
 
 from mrm_nodes.bench import INTERFACES, LIGHTS, _frame_times, describe_machine
 from mrm_nodes.errors import MrmError
+from mrm_nodes.files import write_text
 from mrm_nodes.library import load_library
-from mrm_nodes.regression.files import write_text
 from mrm_nodes.render.context import get_context
 from mrm_nodes.shadergen import Shader, generate_shader
 from mrm_nodes.surfaces import Surface, known_surfaces

@@ -161,7 +161,7 @@ def render(
     allow_external: bool,
 ) -> None:
     """Render a material on a mesh."""
-    from mrm_nodes.regression.files import prepare_folder
+    from mrm_nodes.files import prepare_folder
     from mrm_nodes.render.environment import find_environment
     from mrm_nodes.render.images import write_exr, write_png
     from mrm_nodes.render.renderer import render as render_material
@@ -239,7 +239,7 @@ def generate(
         "allow_external": allow_external,
     }
     if folder is not None:
-        from mrm_nodes.regression.files import prepare_folder
+        from mrm_nodes.files import prepare_folder
 
         shaders = [shadergen.generate_shader(file, each, element, **options) for each in targets]
         prepare_folder(folder)
@@ -277,7 +277,7 @@ def _say_what_is_ignored(
 
 
 def _write_shader(shader: Any, folder: Path) -> None:
-    from mrm_nodes.regression.files import prepare_folder, write_text
+    from mrm_nodes.files import prepare_folder, write_text
 
     prepare_folder(folder)
     ending = SUFFIXES.get(shader.target, shader.target)
@@ -406,7 +406,7 @@ def shader(backend: str, size: int, rounds: int, surfaces: bool, output: Path | 
     import json
 
     from mrm_nodes import bench as shader_bench
-    from mrm_nodes.regression.files import write_text
+    from mrm_nodes.files import write_text
 
     if surfaces:
         from mrm_nodes.bench_surfaces import print_table
@@ -456,8 +456,8 @@ def reference(count: int, growth: bool, output: Path | None) -> None:
     from dataclasses import asdict
     from itertools import chain
 
+    from mrm_nodes.files import write_text
     from mrm_nodes.reference import bench as evaluator_bench
-    from mrm_nodes.regression.files import write_text
 
     click.echo(
         f"{'subject':<28} {'question':<8} {'lobe':<22} {'cores':>5} {'count':>10} {'seconds':>8} "

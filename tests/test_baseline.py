@@ -484,6 +484,7 @@ def test_an_acceptance_that_is_cut_short_leaves_the_old_baseline_or_the_new_one(
         raise Killed
 
     original = baseline.write_durably
+    second = image(tmp_path, 2.0)
 
     def write(path: Path, contents: bytes) -> None:
         """Dies before or after the provenance is there; the image is written before it."""
@@ -498,7 +499,7 @@ def test_an_acceptance_that_is_cut_short_leaves_the_old_baseline_or_the_new_one(
     else:
         monkeypatch.setattr(Path, "replace", die)
     with pytest.raises(Killed):
-        store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+        store.accept("a", second, {"inputs": "y"}, None)
     monkeypatch.undo()
     new = step == "the provenance is replaced"
     if step != "the image is replaced":
@@ -526,15 +527,16 @@ def test_two_acceptances_that_are_cut_short_leave_the_first_one_s_image(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     store = Store(tmp_path / "baselines")
+    first, second = image(tmp_path, 1.0), image(tmp_path, 2.0)
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", lambda *_: stop())
         patch.setattr(baseline, "write_durably", lambda path, contents: path.write_bytes(contents))
         with pytest.raises(KeyboardInterrupt):
-            store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+            store.accept("a", first, {"inputs": "x"}, None)
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", lambda *_: stop())
         with pytest.raises(KeyboardInterrupt):
-            store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+            store.accept("a", second, {"inputs": "y"}, None)
     assert (store.read("a") == 1.0).all()
 
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mrm_nodes import files
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import baseline, files
+from mrm_nodes.regression import baseline
 from mrm_nodes.regression.baseline import LOG, Store
 from mrm_nodes.render.images import write_exr
 

@@ -28,8 +28,8 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
 
     Overhead is the share of the workers' time, their start included, that is spent in no stage.
     """
+    from mrm_nodes.files import write_text
     from mrm_nodes.regression import bench
-    from mrm_nodes.regression.files import write_text
 
     measured = []
     # numba compiles the evaluator once for an installation, which is no run's own cost.

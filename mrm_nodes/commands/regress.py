@@ -210,8 +210,8 @@ def merge(
 
 def _prepare(folder: Path, *files: Path | None) -> None:
     """Find out before a long run whether files can be written after it, and that no baseline is in their way."""
+    from mrm_nodes.files import prepare_folder
     from mrm_nodes.regression.baseline import holds_baselines
-    from mrm_nodes.regression.files import prepare_folder
 
     if holds_baselines(folder):
         raise MrmError(f"{folder}: baselines lie there; choose another folder with -o")
@@ -259,7 +259,7 @@ def _publish(
 
 def _write(report: Mapping[str, Any], json_file: Path | None, junit: Path | None, strict: bool) -> None:
     """Write what is asked for besides the page."""
-    from mrm_nodes.regression.files import write_text
+    from mrm_nodes.files import write_text
     from mrm_nodes.regression.junit import junit_xml
     from mrm_nodes.regression.report import report_text
 

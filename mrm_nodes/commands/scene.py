@@ -27,7 +27,7 @@ from mrm_nodes.errors import MrmError
 )
 def scene(name: str, output: Path, mesh: str | None, scale: float, samples: int) -> None:
     """Draw a scene: traffic cones, a safety vest, a road, or the paper's Figure 3 or 5."""
-    from mrm_nodes.regression.files import prepare_folder
+    from mrm_nodes.files import prepare_folder
     from mrm_nodes.render import write_png
     from mrm_nodes.scenes import draw
 

@@ -73,8 +73,8 @@ def list_cases(file: Path, expression: str | None, allow_external: bool) -> None
 @click.argument("folder", type=Path, metavar="DIR", default=Path())
 def init(folder: Path) -> None:
     """Write a commented suite and a material to DIR, ready to run."""
+    from mrm_nodes.files import prepare_folder, write_text
     from mrm_nodes.library import materials_path
-    from mrm_nodes.regression.files import prepare_folder, write_text
 
     material = "hi_vis_tape.mtlx"
     files = {

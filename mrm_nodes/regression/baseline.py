@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.files import lock, replace_durably, sync_folder, write_durably
+from mrm_nodes.files import clear, lock, replace_durably, sync_folder, write_durably
 from mrm_nodes.regression.inputs import by_name, home_of
 from mrm_nodes.render.images import read_image
 
@@ -257,6 +257,7 @@ class Store:
                     raise MrmError(
                         f"{self.folder}: somebody else has been accepting there for {PATIENCE:g} s; try again"
                     )
+                clear(self.folder)
                 yield log
                 try:
                     _append(log, what, name, digest, decision)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.files import lock, write_text
+from mrm_nodes.files import clear, lock, write_text
 from mrm_nodes.regression.outcome import Outcome, as_record, from_record
 
 NAME = "journal"
@@ -215,6 +215,7 @@ def locked(folder: Path) -> Iterator[None]:
             )
         os.ftruncate(file, 0)
         os.pwrite(file, f"{os.getpid()}\n".encode(), 0)
+        clear(folder)
         yield
     finally:
         os.close(file)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mrm_nodes.regression.files import write_text
+from mrm_nodes.files import write_text
 from mrm_nodes.render.images import write_exr, write_png
 
 Array = NDArray[np.float64]

@@ -14,9 +14,9 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from mrm_nodes.files import write_text
 from mrm_nodes.regression.cloud import DECADES
 from mrm_nodes.regression.compare import FLOOR, VERDICTS
-from mrm_nodes.regression.files import write_text
 from mrm_nodes.regression.outcome import STAGES, Outcome, as_record
 from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
 

@@ -27,11 +27,11 @@ from typing import Any
 
 from mrm_nodes.cachefolder import choose_numbas
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.files import prepare_folder
 from mrm_nodes.regression import journal
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.cluster import Cluster, run_on
 from mrm_nodes.regression.executors import TIME_LIMIT, Judged, estimate, run_locally
-from mrm_nodes.regression.files import prepare_folder
 from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, source_digest, versions
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.report import write_records

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from mrm_nodes import documents, external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.files import lock, write_text
 from mrm_nodes.regression import baseline
-from mrm_nodes.regression.files import lock, write_text
 from mrm_nodes.regression.inputs import versions
 from mrm_nodes.regression.junit import in_words
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, read, with_values

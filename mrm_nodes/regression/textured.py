@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mrm_nodes.files import write_text
 from mrm_nodes.regression.cases import ABOVE, AROUND
-from mrm_nodes.regression.files import write_text
 from mrm_nodes.regression.material_case import MaterialCase
 from mrm_nodes.render.images import write_png
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +13,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.files import write_bytes
 from mrm_nodes.render import imagelayers
 
 #: Formats that hold one picture after another; what others have beside their first is a part of it.
@@ -91,7 +91,7 @@ def write_exr(path: str | os.PathLike[str], array: NDArray[Any]) -> None:
     pixels = np.ascontiguousarray(array, dtype=np.float32)
     # Without a date of its own a file gets today's, and equal images would be different files.
     # "zip" packs sixteen rows together: a third of the time of "zips", and smaller.
-    _write(Path(path), pixels, {"compression": "zip:1", "DateTime": "1970:01:01 00:00:00"}, ".exr")
+    _write(Path(path), pixels, {"compression": "zip:1", "DateTime": "1970:01:01 00:00:00"}, "exr")
 
 
 def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float = 0.0) -> None:
@@ -112,10 +112,10 @@ def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float
     # IEC 61966-2-1
     encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
     attributes: dict[str, str | int] = {"oiio:ColorSpace": "sRGB", "png:compressionLevel": 2}
-    _write(Path(path), np.round(encoded * 255.0).astype(np.uint8), attributes, ".png")
+    _write(Path(path), np.round(encoded * 255.0).astype(np.uint8), attributes, "png")
 
 
-def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], ending: str) -> None:
+def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], kind: str) -> None:
     if pixels.ndim == 2:
         pixels = pixels[..., None]
     if pixels.ndim != 3 or pixels.size == 0:
@@ -126,43 +126,22 @@ def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], e
     )
     for name, value in attributes.items():
         specification.attribute(name, value)
+    # OpenImageIO passes over some failures of a disk: it writes to memory, and what it wrote is then written whole.
+    handle = os.memfd_create("image")
+    place = f"/proc/self/fd/{handle}"
     try:
-        handle, temporary = tempfile.mkstemp(suffix=ending, prefix=f".{path.name}.", dir=path.parent)
-    except OSError as error:
-        raise MrmError(
-            f"{path}: cannot be written: {error.strerror}; choose a folder that exists and can be"
-        ) from None
-    os.close(handle)
-    try:
-        target = oiio.ImageOutput.create(temporary)
+        target = oiio.ImageOutput.create(kind)
         if target is None:
             raise MrmError(f"{path}: cannot be written: {_message(complaint_of(oiio.geterror))}")
-        written = target.open(temporary, specification) and target.write_image(pixels)
+        written = target.open(place, specification) and target.write_image(pixels)
         complaint = complaint_of(target.geterror)
         if not (target.close() and written):
-            # OpenImageIO says no more than that it failed; what it has written still takes its room.
-            _check_room(path.parent, pixels.nbytes)
             raise MrmError(
                 f"{path}: cannot be written: {_message(complaint or complaint_of(target.geterror))}"
             )
-        os.chmod(temporary, 0o666 & ~_umask())  # noqa: PTH101
-        os.replace(temporary, path)  # noqa: PTH105
-    except OSError as error:
-        raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
+        write_bytes(path, Path(place).read_bytes())
     finally:
-        Path(temporary).unlink(missing_ok=True)
-
-
-def _check_room(folder: Path, size: int) -> None:
-    """Raises OSError where a file of a size cannot be written."""
-    with tempfile.TemporaryFile(dir=folder) as file:
-        file.write(bytes(size))
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+        os.close(handle)
 
 
 def complaint_of(ask: Callable[[], str]) -> str:

@@ -25,8 +25,8 @@ import MaterialX as mx
 
 from mrm_nodes import external, filenames, library
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.files import write_bytes
 from mrm_nodes.surfaces.names import fitting
-from mrm_nodes.surfaces.rewrite import write_whole
 from mrm_nodes.surfaces.weights import Weight, check_weights, find_image
 
 EXTENSION = "KHR_materials_retroreflection"
@@ -158,14 +158,14 @@ def write_gltf(asset: Asset, target: Path) -> None:
     """
     text = json.dumps(asset.json, indent=None if asset.binary else 2, ensure_ascii=False).encode("utf-8")
     if target.suffix.lower() != ".glb":
-        write_whole(target, text + b"\n")
+        write_bytes(target, text + b"\n")
         return
     text += b" " * (-len(text) % 4)
     chunks = struct.pack("<I4s", len(text), b"JSON") + text
     if asset.binary:
         binary = asset.binary + b"\0" * (-len(asset.binary) % 4)
         chunks += struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    write_whole(target, struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+    write_bytes(target, struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 
 # --- glTF to MaterialX --------------------------------------------------------------------------------------
@@ -211,8 +211,8 @@ def gltf_to_materialx(
     except MrmError as error:
         warnings.warn(str(error), MrmWarning, stacklevel=2)
     for name, content in images.items():
-        write_whole(target.parent / name, content)
-    write_whole(target, mx.writeToXmlString(document).encode("utf-8"))
+        write_bytes(target.parent / name, content)
+    write_bytes(target, mx.writeToXmlString(document).encode("utf-8"))
     return names
 
 

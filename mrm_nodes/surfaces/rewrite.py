@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ import MaterialX as mx
 
 from mrm_nodes import documents, elements, external, filenames, library, xmltext
 from mrm_nodes.errors import MrmError, MrmWarning, suggestion
+from mrm_nodes.files import write_bytes
 from mrm_nodes.surfaces.markup import Edits, Tag, parse
 from mrm_nodes.surfaces.names import fitting, named_for_code, path_of
 from mrm_nodes.surfaces.substitution import SUBSTITUTES, SWITCH, WEIGHT, Surface, known_surfaces, twin_with
@@ -82,7 +82,7 @@ def retrofit_file(
             MrmWarning,
             stacklevel=2,
         )
-    write_whole(target, rewriting.text())
+    write_bytes(target, rewriting.text())
     return rewriting.changed
 
 
@@ -243,27 +243,6 @@ def _element(category: str, name: str, setting: Mapping[str, str]) -> str:
 
 def _near(text: str, names: list[str]) -> str:
     return f"; {suggestion(text, names)}" if names else ""
-
-
-def write_whole(target: Path, content: bytes) -> None:
-    """Write a file all at once: whoever looks sees the old one or the new one.
-
-    Raises:
-        MrmError: it cannot be written.
-    """
-    temporary = None
-    try:
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}-", dir=target.resolve().parent)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        mask = os.umask(0)
-        os.umask(mask)
-        Path(temporary).chmod(0o666 & ~mask)
-        Path(temporary).replace(target)
-    except OSError as error:
-        if temporary is not None:
-            Path(temporary).unlink(missing_ok=True)
-        raise MrmError(f"{target}: cannot be written ({error.strerror})") from None
 
 
 #: How documents before 1.38 have a shader, with <bindinput> for its inputs.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import fcntl
 import os
@@ -12,6 +13,12 @@ from pathlib import Path
 
 from mrm_nodes.errors import MrmError
 
+_UNFINISHED = ".mrm-unfinished-"
+"""What the names of files begin with that are being written."""
+
+_ABANDONED = 86_400.0
+"""Seconds after which nobody still writes such a file."""
+
 
 def write_text(path: Path, text: str) -> None:
     """Write a file that appears complete or not at all.
@@ -19,8 +26,13 @@ def write_text(path: Path, text: str) -> None:
     Raises:
         MrmError: it cannot be written.
     """
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, contents: bytes) -> None:
+    """As `write_text`."""
     try:
-        _write(path, text.encode(), durably=False)
+        _write(path, contents, durably=False)
     except OSError as error:
         raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
 
@@ -36,7 +48,7 @@ def write_durably(path: Path, contents: bytes) -> None:
 
 
 def _write(path: Path, contents: bytes, durably: bool) -> None:
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}")
+    temporary = path.with_name(f"{_UNFINISHED}{uuid.uuid4().hex}")
     try:
         with temporary.open("xb") as file:
             file.write(contents)
@@ -101,6 +113,17 @@ def lock(file: int, patience: float = 0.0) -> bool:
             time.sleep(0.005)
 
 
+def clear(folder: Path, age: float = 0.0) -> None:
+    """Remove what a kill left of files that were being written.
+
+    age: the seconds that they were left alone: none where nobody else may be writing.
+    """
+    for left in folder.glob(f"{_UNFINISHED}*"):
+        with contextlib.suppress(OSError):
+            if left.lstat().st_mtime <= time.time() - age:
+                left.unlink()
+
+
 def prepare_folder(folder: Path) -> None:
     """Make a folder, and see that files can be written there.
 
@@ -111,5 +134,6 @@ def prepare_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
+        clear(folder, _ABANDONED)
     except OSError as error:
         raise MrmError(f"{folder}: cannot be written: {error.strerror}; choose another with -o") from None

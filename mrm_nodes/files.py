@@ -6,6 +6,7 @@ import contextlib
 import errno
 import fcntl
 import os
+import shutil
 import tempfile
 import time
 import uuid
@@ -13,11 +14,11 @@ from pathlib import Path
 
 from mrm_nodes.errors import MrmError
 
-_UNFINISHED = ".mrm-unfinished-"
-"""What the names of files begin with that are being written."""
+UNFINISHED = ".mrm-unfinished-"
+"""What the names of files and folders begin with that are being written."""
 
-_ABANDONED = 86_400.0
-"""Seconds after which nobody still writes such a file."""
+ABANDONED = 86_400.0
+"""Seconds after which nobody still writes such a one."""
 
 
 def write_text(path: Path, text: str) -> None:
@@ -48,7 +49,7 @@ def write_durably(path: Path, contents: bytes) -> None:
 
 
 def _write(path: Path, contents: bytes, durably: bool) -> None:
-    temporary = path.with_name(f"{_UNFINISHED}{uuid.uuid4().hex}")
+    temporary = path.with_name(f"{UNFINISHED}{uuid.uuid4().hex}")
     try:
         with temporary.open("xb") as file:
             file.write(contents)
@@ -114,18 +115,32 @@ def lock(file: int, patience: float = 0.0) -> bool:
 
 
 def clear(folder: Path, age: float = 0.0) -> None:
-    """Remove what a kill left of files that were being written.
+    """Remove what a kill left of files and folders that were being written.
 
     age: the seconds that they were left alone: none where nobody else may be writing.
     """
-    for left in folder.glob(f"{_UNFINISHED}*"):
-        with contextlib.suppress(OSError):
-            if left.lstat().st_mtime <= time.time() - age:
-                left.unlink()
+    with contextlib.suppress(OSError):
+        for left in folder.glob(f"{UNFINISHED}*"):
+            if age and left.lstat().st_mtime > time.time() - age:
+                continue
+            if left.is_dir() and not left.is_symlink():
+                shutil.rmtree(left, ignore_errors=True)
+            else:
+                left.unlink(missing_ok=True)
 
 
-def prepare_folder(folder: Path) -> None:
+def reason(error: OSError) -> str:
+    """Why files could not be written: the first reason, where `shutil` gathered several."""
+    if isinstance(error, shutil.Error) and error.args and error.args[0]:
+        first = error.args[0][0]
+        return str(first[-1] if isinstance(first, tuple) else first)
+    return error.strerror or str(error)
+
+
+def prepare_folder(folder: Path, hint: str = "choose another with -o") -> None:
     """Make a folder, and see that files can be written there.
+
+    hint: what to do where they cannot.
 
     Raises:
         MrmError: they cannot.
@@ -134,6 +149,6 @@ def prepare_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
             pass
-        clear(folder, _ABANDONED)
+        clear(folder, ABANDONED)
     except OSError as error:
-        raise MrmError(f"{folder}: cannot be written: {error.strerror}; choose another with -o") from None
+        raise MrmError(f"{folder}: cannot be written: {error.strerror}; {hint}") from None

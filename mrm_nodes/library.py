@@ -15,6 +15,7 @@ import MaterialX as mx
 
 from mrm_nodes import surfaces as retrofitted
 from mrm_nodes.errors import MrmError
+from mrm_nodes.files import ABANDONED, UNFINISHED, clear, reason
 from mrm_nodes.host import CLOSURE_TYPE, UPGRADE, Environment, Host, read_host
 
 # Before anything of it is used: what follows relies on it.
@@ -235,8 +236,9 @@ def install(libraries: str | os.PathLike[str], environment: Environment = "any")
                 f"{target}: {_names(found.foreign, target)} was added or changed since mrm-nodes wrote it; "
                 "move it away first"
             )
+    clear(folder, ABANDONED)
     try:
-        staging = Path(tempfile.mkdtemp(prefix=".mrm-", dir=folder))
+        staging = Path(tempfile.mkdtemp(prefix=UNFINISHED, dir=folder))
     except OSError as error:
         raise MrmError(
             f"{folder}: cannot be written ({error.strerror}); choose a folder that you may write"
@@ -251,11 +253,18 @@ def install(libraries: str | os.PathLike[str], environment: Environment = "any")
         # The form that sha256sum writes and checks.
         lines = [f"{_digest(staging / file)}  {file.as_posix()}\n" for file in files]
         (staging / INSTALL_MARK).write_text("".join(lines), encoding="utf-8")
+        earlier = staging.with_name(f"{staging.name}-earlier")
         if target.exists():
-            shutil.rmtree(target)
-        staging.rename(target)
+            target.rename(earlier)
+        try:
+            staging.rename(target)
+        except OSError:
+            if earlier.exists():
+                earlier.rename(target)
+            raise
+        shutil.rmtree(earlier, ignore_errors=True)
     except OSError as error:
-        raise MrmError(f"{target}: cannot be written ({error.strerror})") from None
+        raise MrmError(f"{target}: cannot be written ({reason(error)})") from None
     finally:
         shutil.rmtree(staging, ignore_errors=True)
     return [target / file for file in files]

@@ -76,15 +76,25 @@ class Machine:
         )
 
     def run(
-        self, arguments: Sequence[object], full_at: int = 0, stays: bool = True, how: str = "cli"
+        self,
+        arguments: Sequence[object],
+        full_at: int = 0,
+        stays: bool = True,
+        how: str = "cli",
+        folder: Path | None = None,
     ) -> Ended:
-        """Run a command in the root; its disk is full at a change, the first being 1, and never at 0.
+        """Run a command; its disk is full at a change, the first being 1, and never at 0.
 
         stays: whether it is full from then on; else there is room again at once.
         how: `cli` or `pytest`, or a function of this file's users, as `module:name`.
+        folder: where it runs, by default in the root.
         """
         self._state[:] = struct.pack("3q", 0, full_at, stays)
-        order = {"arguments": [str(each) for each in arguments], "how": how, "folder": str(self.root)}
+        order = {
+            "arguments": [str(each) for each in arguments],
+            "how": how,
+            "folder": str(folder or self.root),
+        }
         assert self._server.stdin is not None and self._server.stdout is not None
         self._server.stdin.write(json.dumps(order) + "\n")
         self._server.stdin.flush()
@@ -151,10 +161,13 @@ def _serve() -> None:
     import MaterialX  # noqa: F401
     import OpenImageIO  # noqa: F401
 
+    import mrm_nodes
     import mrm_nodes.regression.suites
     import mrm_nodes.regression.testing
-    import mrm_nodes.surfaces.convert  # noqa: F401
+    import mrm_nodes.surfaces.convert
 
+    # What is read once a process is read here once for all of them.
+    mrm_nodes.load_library()
     for line in sys.stdin:
         order = json.loads(line)
         with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from faulty_disk import Ended, Machine, contents, machine, without_time
 
+from mrm_nodes.library import own_libraries
 from mrm_nodes.regression.baseline import LOG, Store
 from mrm_nodes.regression.journal import Past, read
 
@@ -41,7 +42,7 @@ SUITE = """
 size = 8
 [[case]]
 material = "tape.mtlx"
-name = "physics-{input:tape/retroreflectivity}"
+name = "physics-{tape/retroreflectivity}"
 [case.matrix]
 "input:tape/retroreflectivity" = [0, 1]
 [[case]]
@@ -101,19 +102,26 @@ def judged_here(*arguments: str) -> int:
     main(list(arguments))
 
 
-def attempts(disk: Machine, template: Path, try_at: Callable[[int, bool, Path], Ended]) -> int:
-    """Have each change in turn be the one at which the disk is full, for a moment and from then on; return how many
+def attempts(disk: Machine, template: Path, try_at: Callable[[int, bool, Path], Ended], few: int = 1) -> int:
+    """Have each change in turn be the one at which the disk is full, for a moment or from then on; return how many
     there are.
+
+    few: how many are tried where not all are.
     """
-    shutil.copytree(template, whole := disk.root / "whole")
-    changes = try_at(0, False, whole).changes
-    for at in range(1, changes + 1):
-        for stays in (False, True):
-            folder = disk.root / f"{at}-{stays}"
-            shutil.copytree(template, folder)
-            try_at(at, stays, folder)
-            shutil.rmtree(folder)
-    shutil.rmtree(whole)
+    for left in disk.root.iterdir():
+        shutil.rmtree(left)
+
+    def attempt(at: int, stays: bool) -> Ended:
+        folder = disk.root / f"{at}-{stays}"
+        shutil.copytree(template, folder)
+        ended = try_at(at, stays, folder)
+        shutil.rmtree(folder)
+        return ended
+
+    changes = attempt(0, False).changes
+    each = [(at, stays) for at in range(1, changes + 1) for stays in (False, True)]
+    for at, stays in each if EVERY else Random(SEED).sample(each, min(few, len(each))):
+        attempt(at, stays)
     return changes
 
 
@@ -131,7 +139,7 @@ PLAIN: Mapping[str, list[str]] = {
     "render, a picture": ["render", "tape.mtlx", "-o", "old.png", "--size", "8x8"],
     "generate": ["generate", "tape.mtlx", "--target", "glsl", "-o", "shaders"],
     "retrofit": ["retrofit", "vest.mtlx", "-o", "retro.mtlx"],
-    "suite init": ["suite", "init", "fresh.toml"],
+    "suite init": ["suite", "init", "fresh"],
     "install": ["install", "libraries"],
 }
 
@@ -141,8 +149,8 @@ def test_a_command_that_writes_files_leaves_each_as_it_was_or_whole(
     disk: Machine, template: Path, command: str
 ):
     (template / "old.png").write_text("old")
-    (template / "libraries" / "stdlib").mkdir(parents=True)
-    (template / "libraries" / "stdlib" / "stdlib_defs.mtlx").write_text("")
+    if command == "install":
+        shutil.copytree(own_libraries(), template / "libraries")
     before = contents(template)
     complete: dict[str, bytes] = {}
 
@@ -158,8 +166,141 @@ def test_a_command_that_writes_files_leaves_each_as_it_was_or_whole(
             assert data in (before.get(name), complete[name]), (at, stays, name)
         assert ended.status == 2 or found == complete
         again = disk.run(PLAIN[command], folder=folder)
-        assert again.status == 0 or command == "suite init", again.err
+        assert again.status == 0 or "fresh/suite.toml: exists" in again.err, again.err
         assert contents(folder) == complete
         return ended
 
-    assert attempts(disk, template, try_at) >= 4
+    assert attempts(disk, template, try_at) >= 3
+
+
+HERE = "test_full_disk:judged_here"
+CACHED = ["--cache", "cache", "--junit", "junit.xml"]
+
+
+def results(folder: Path) -> tuple[object, dict[str, bytes]]:
+    """What a report says, and its pictures."""
+    pictures = {name: data for name, data in contents(folder).items() if name.startswith("cases/")}
+    return without_time(folder / "report.json"), pictures
+
+
+def check_report(folder: Path, whole: object) -> None:
+    """What a run that failed left: no report, or one that says that it is partial, or the whole one; no temporary."""
+    report = folder / "report.json"
+    if report.exists():
+        partial = json.loads(report.read_text())["environment"].get("partial")
+        assert partial or results(folder) == whole
+    left = {name for name in contents(folder) if name.split("/")[0].startswith(".")}
+    assert left <= {".lock"}
+    for name in ("journal", ".unfinished"):
+        assert name == "journal" or not (folder / name).exists()
+    assert read(folder) is None or isinstance(read(folder), Past)
+
+
+@pytest.mark.parametrize("workers", [False, True], ids=["without workers", "with workers"])
+def test_a_run_is_whole_after_resume(disk: Machine, template: Path, workers: bool):
+    how = "cli" if workers else HERE
+    expected: list[object] = []
+    status: list[int] = []
+
+    def try_at(at: int, stays: bool, folder: Path) -> Ended:
+        ended = disk.run([*REGRESS, *CACHED], at, stays, how, folder)
+        if not at:
+            assert ended.status < 2, ended.err
+            expected.append(results(folder / "report"))
+            status.append(ended.status)
+            return ended
+        if ended.status != status[0]:
+            check_told(ended, folder)
+        else:
+            assert results(folder / "report") == expected[0]
+        check_report(folder / "report", expected[0])
+        again = disk.run([*REGRESS, *CACHED, "--resume"], how=how, folder=folder)
+        assert again.status == status[0], again.err
+        assert results(folder / "report") == expected[0]
+        from_cache = disk.run([*REGRESS[:-1], "another", *CACHED], how=how, folder=folder)
+        assert from_cache.status == status[0], from_cache.err
+        assert results(folder / "another") == expected[0]
+        return ended
+
+    assert attempts(disk, template, try_at, few=1 if workers else 3) > 50
+
+
+def test_a_merge_is_whole_when_it_is_done_again(disk: Machine, template: Path):
+    for part in (1, 2):
+        ended = disk.run([*REGRESS[:-1], f"part{part}", "--shard", f"{part}/2"], how=HERE, folder=template)
+    before = contents(template)
+    merge = ["merge", "-o", "report", "part1", "part2"]
+    expected: list[object] = []
+
+    def try_at(at: int, stays: bool, folder: Path) -> Ended:
+        ended = disk.run(merge, at, stays, HERE, folder)
+        check_told(ended, folder)
+        if ended.status == 0:
+            expected.append(results(folder / "report"))
+            assert expected[-1] == expected[0]
+        else:
+            check_report(folder / "report", expected[0])
+            assert disk.run(merge, how=HERE, folder=folder).status == 0
+            assert results(folder / "report") == expected[0]
+        assert {name: data for name, data in contents(folder).items() if name in before} == before
+        return ended
+
+    assert attempts(disk, template, try_at) > 10
+    assert ended.status == 0
+
+
+def test_an_acceptance_leaves_the_old_image_or_the_new_one(disk: Machine, template: Path):
+    assert disk.run(REGRESS, how=HERE, folder=template).status == 0
+    store = Store(template / "baselines")
+    store.accept("stored", template / "report/cases/egl/physics-0/render.exr", {"inputs": "old"}, "old")
+    old, accept = store.read("stored"), ["baseline", "accept", "stored", "--reason", "new"]
+    expected: list[object] = []
+
+    def try_at(at: int, stays: bool, folder: Path) -> Ended:
+        ended = disk.run(accept, at, stays, folder=folder)
+        check_told(ended, folder)
+        store = Store(folder / "baselines")
+        found = store.read("stored")
+        if not at:
+            expected.append(found)
+        is_new = bool((found == expected[0]).all())
+        assert is_new or (found == old).all()
+        assert is_new or ended.status == 2
+        assert (store.provenance("stored")["inputs"] == "old") != is_new
+        assert disk.run(accept, folder=folder).status == 0
+        assert (store.read("stored") == expected[0]).all()
+        assert [each["why"] for each in store.decisions()][-1] == "new"
+        assert {path.name for path in store.folder.iterdir()} == {"stored.exr", "stored.json", LOG}
+        return ended
+
+    assert attempts(disk, template, try_at) > 10
+
+
+def test_the_plugin_fails_its_tests_in_a_line_and_the_next_session_is_whole(disk: Machine, template: Path):
+    accept = [
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--mrm-report",
+        "pictures",
+        "--mrm-backend",
+        "egl",
+        "--mrm-accept",
+    ]
+
+    def try_at(at: int, stays: bool, folder: Path) -> Ended:
+        ended = disk.run(accept, at, stays, "pytest", folder)
+        if ended.status:
+            assert "No space left on device" in ended.out, ended.out
+            assert "INTERNALERROR" not in ended.out + ended.err
+            assert "Traceback" not in ended.out + ended.err
+        assert at or not ended.status, ended.out
+        again = disk.run(accept, how="pytest", folder=folder)
+        assert again.status == 0, again.out
+        compared = disk.run(accept[:-1], how="pytest", folder=folder)
+        assert "1 pass" in compared.out and compared.status == 0, compared.out
+        left = [name for name in contents(folder) if "unfinished" in name or "outcomes/" in name]
+        assert not left
+        return ended
+
+    assert attempts(disk, template, try_at) > 10

@@ -223,10 +223,7 @@ def _prepare(folder: Path, *files: Path | None) -> None:
                 raise MrmError(f"{file}: no ordinary file; name another")
             if holds_baselines(file.parent):
                 raise MrmError(f"{file}: baselines lie there; name another file")
-            try:
-                prepare_folder(file.parent)
-            except MrmError:
-                raise MrmError(f"{file}: cannot be written there; name another file") from None
+            prepare_folder(file.parent, f"name another file than {file}")
 
 
 def _remove(*files: Path | None) -> None:

@@ -78,11 +78,13 @@ def init(folder: Path) -> None:
 
     material = "hi_vis_tape.mtlx"
     files = {
-        folder / "suite.toml": TEMPLATE.read_text(encoding="utf-8"),
         folder / "materials" / material: (materials_path() / material).read_text(encoding="utf-8"),
+        folder / "suite.toml": TEMPLATE.read_text(encoding="utf-8"),
     }
-    for path in files:
-        if path.exists():
+    for path, text in files.items():
+        # The suite comes last: without it, the rest was cut short.
+        is_ours = path.name == material and path.is_file() and path.read_bytes() == text.encode()
+        if path.exists() and not is_ours:
             raise MrmError(f"{path}: exists; move it away, or name another folder")
     for path, text in files.items():
         prepare_folder(path.parent)

@@ -3,7 +3,8 @@
 # make regress-full  more textured cases, each drawn first in a process of its own; MaterialX's own documents
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
 # make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
-# make fuzz      damage 2,400 files and send them through the command line; minutes
+# make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
+#                coverage, for each reader
 # make lint      check types, lint and format
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.
@@ -44,7 +45,9 @@ clients: targets
 	@sh .ci/clients
 
 fuzz: setup
-	MRM_FUZZ=2400 $(BIN)/python -m pytest -q -n 2 tests/test_fuzz.py
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
+	MRM_FUZZ=2400 MRM_FUZZ_SECONDS=560 $(BIN)/python -m pytest -q -n 2 --dist loadfile \
+		tests/test_fuzz.py tests/test_fuzz_readers.py
 
 lint: setup
 	$(BIN)/ruff check .

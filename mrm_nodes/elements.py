@@ -247,7 +247,10 @@ def _warn_of_clamping(port: mx.Input, place: str) -> None:
     low, high = _RANGES[port.getName()]
     # Through a graph's interface, what is set there reaches the node.
     source = port.getInterfaceInput() or port
-    text = source.getValueString() if source.getValue() is not None else ""
-    if any(not low <= float(number) <= high for number in text.replace(",", " ").split()):
+    value = source.getValue()
+    numbers = value.asTuple() if hasattr(value, "asTuple") else (value,)
+    if any(isinstance(number, float) and not low <= number <= high for number in numbers):
         limits = f"{low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
-        warnings.warn(f"{place}: {text} is clamped to its range, {limits}", MrmWarning, stacklevel=5)
+        warnings.warn(
+            f"{place}: {source.getValueString()} is clamped to its range, {limits}", MrmWarning, stacklevel=5
+        )

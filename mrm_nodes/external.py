@@ -34,7 +34,9 @@ def included_file(name: str, including: Path, folders: Iterable[Path], allow_ext
     places = [*folders, *filenames.search_folders()]
     found = filenames.find(name, places).file
     if found is None:
-        raise MrmError(f"{including}: includes {name}: {filenames.absence(name, places)}")
+        raise MrmError(
+            f"{including}: includes {name[: filenames.LONGEST]}: {filenames.absence(name, places)}"
+        )
     check_inside(found, name, str(including), folders[-1], allow_external)
     return found
 

@@ -28,6 +28,9 @@ UDIM, UVTILE = "<UDIM>", "<UVTILE>"
 _COLUMNS = 10
 """Tiles of one row that UDIM has numbers for."""
 
+LONGEST = 4096
+"""Letters of a file's name with its folders: no system opens a longer one."""
+
 _TOKENS = {UDIM: r"(?P<udim>[1-9][0-9]{3})", UVTILE: r"(?P<uvtile>u[1-9][0-9]*_v[1-9][0-9]*)"}
 _GROUPS = {UDIM: "udim", UVTILE: "uvtile"}
 _ADDRESS = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:")
@@ -147,7 +150,7 @@ def find(name: str, folders: Sequence[Path]) -> Files:
 
 
 def _places(name: str, folders: Sequence[Path]) -> list[Path]:
-    if not name or "\0" in name:
+    if not name or "\0" in name or len(name) > LONGEST:
         return []
     return [Path()] if is_absolute(name) else [*folders, Path()]
 
@@ -189,6 +192,8 @@ def absence(name: str, folders: Sequence[Path]) -> str:
     text = with_slashes(name)
     if "\0" in name:
         return "a NUL character is in no file's name"
+    if len(name) > LONGEST:
+        return f"its {len(name)} letters are more than the {LONGEST} that a file's name can have"
     instead = find(text, folders).instead
     if instead is not None:
         return f"is {'a folder' if instead.is_dir() else 'a device, a pipe or the like'}, and no file"
@@ -242,7 +247,7 @@ def _near(name: str, folder: Path) -> str | None:
 def _beside(name: str, folder: Path) -> str:
     """What there is where a name looks first."""
     parent = Path(name).parent
-    if ".." in parent.parts or not (folder / parent).is_dir():
+    if ".." in parent.parts or not os.path.isdir(folder / parent):  # noqa: PTH112
         return f"looked from {folder}"
     endings = Path(name).suffix.lower()
     known = [

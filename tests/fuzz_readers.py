@@ -6,6 +6,7 @@ A reader may raise MrmError and nothing else. `guided.py` looks for what they do
 from __future__ import annotations
 
 import base64
+import contextlib
 import json
 import shutil
 import zlib
@@ -200,7 +201,9 @@ class _Part:
 
 
 def _four(text: str) -> tuple[int, int, int, int]:
-    numbers = [int(word) for word in text.split()[:4] if word.lstrip("-").isascii() and word.lstrip("-").isdigit()]
+    numbers = [
+        int(word) for word in text.split()[:4] if word.lstrip("-").isascii() and word.lstrip("-").isdigit()
+    ]
     x, y, width, height = (max(-(1 << 31), min(each, (1 << 31) - 1)) for each in (*numbers, 0, 0, 1, 1)[:4])
     return x, y, max(1, width), max(1, height)
 
@@ -223,10 +226,8 @@ class _Image:
 def _words(data: bytes, folder: Path) -> None:
     text = data.decode("utf-8", errors="replace")
     for parse_text in (parse_camera, parse_light, parse_size, parse_setting, _parse_shard):
-        try:
+        with contextlib.suppress(MrmError):
             parse_text(text)
-        except MrmError:
-            pass
 
 
 def _parse_shard(text: str) -> None:
@@ -351,7 +352,9 @@ READERS: dict[str, Reader] = {
     "document": Reader(
         _document, (fuzzing.METAL.encode(), fuzzing.PATTERN.encode(), SURFACES.encode()), _beside
     ),
-    "obj": Reader(_mesh("obj"), (fuzzing.BOX.encode(), b"v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 \\\n3\n")),
+    "obj": Reader(
+        _mesh("obj"), (fuzzing.BOX.encode(), b"v 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 0 1 0 0 0 1\nf 1 2 \\\n3\n")
+    ),
     "glb": Reader(_mesh("glb"), (fuzzing.glb(),), form="bytes"),
     "gltf": Reader(_mesh("gltf"), (_gltf(),), form="json"),
     "gltf material": Reader(_gltf_material, (_gltf(),), _beside, "json"),
@@ -372,10 +375,15 @@ READERS: dict[str, Reader] = {
     "name": Reader(
         _names, (b"tex\\a.png\nfile:///a\ntiles.<UDIM>.png\nC:/a", b"tiles.<UVTILE>.png\n../%20/~/x"), _beside
     ),
-    "source": Reader(_source, (b'#include "lib/mx_math.glsl"\n#include "node.glsl"\nvoid own(out vec3 c) {}\n',)),
+    "source": Reader(
+        _source, (b'#include "lib/mx_math.glsl"\n#include "node.glsl"\nvoid own(out vec3 c) {}\n',)
+    ),
     "layers": Reader(
         _layers,
-        (b"R,G,B,A;0 0 8 8;0 0 8 8", b"beauty.R,beauty.G,beauty.B;-2 -2 8 8;0 0 16 16\nN.X,N.Y,N.Z;0 0 8 8;0 0 8 8"),
+        (
+            b"R,G,B,A;0 0 8 8;0 0 8 8",
+            b"beauty.R,beauty.G,beauty.B;-2 -2 8 8;0 0 16 16\nN.X,N.Y,N.Z;0 0 8 8;0 0 8 8",
+        ),
     ),
     "words": Reader(
         _words,

@@ -245,8 +245,8 @@ def mutated(content: bytes, kind: str, number: int) -> bytes:
     """The `number`-th mutation of a file."""
     rng = random.Random(f"{kind} {number}")
     is_text = kind in ("mtlx", "toml", "obj")
-    ways = (_TEXT if is_text else ()) + _BYTES
-    weights = [3] * (len(ways) - len(_BYTES)) + [1 if is_text else 3] * len(_BYTES)
+    ways = (TEXT if is_text else ()) + BYTES
+    weights = [3] * (len(ways) - len(BYTES)) + [1 if is_text else 3] * len(BYTES)
     for _ in range(rng.choice((1, 1, 1, 1, 2, 4))):
         content = rng.choices(ways, weights)[0](content, rng)
     return content
@@ -292,7 +292,7 @@ def _noise(content: bytes, rng: random.Random) -> bytes:
     return content[:place] + rng.randbytes(rng.randrange(1, 32)) + content[place:]
 
 
-_BYTES = (_flip, _truncate, _number, _drop, _double, _noise)
+BYTES = (_flip, _truncate, _number, _drop, _double, _noise)
 
 
 def _text(content: bytes) -> str:
@@ -345,7 +345,7 @@ def _deeper(content: bytes, rng: random.Random) -> bytes:
     return (text[:place] + opening * count + closing * count + text[place:]).encode()
 
 
-_TEXT = (_other_value, _other_value, _other_number, _other_number, _other_lines, _deeper)
+TEXT = (_other_value, _other_value, _other_number, _other_number, _other_lines, _deeper)
 
 
 Result = tuple[int | str, str]

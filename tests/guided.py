@@ -20,10 +20,12 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import fuzzing
 
 LONGEST = 1 << 15
 """Bytes of a file."""
@@ -64,7 +66,16 @@ def search(folder: Path, seconds: float, names: list[str], module: str = "fuzz_r
     while (left := until - time.monotonic()) > 1 and number < 100:
         number += 1
         said = folder / f"said-{number}.txt"
-        command = [sys.executable, __file__, "--child", str(folder), "--seconds", str(int(left)), "--module", module]
+        command = [
+            sys.executable,
+            __file__,
+            "--child",
+            str(folder),
+            "--seconds",
+            str(int(left)),
+            "--module",
+            module,
+        ]
         with said.open("w") as stream:
             process = subprocess.run([*command, "--only", *names], stderr=stream, stdout=stream)
         text = said.read_text(errors="replace")
@@ -78,7 +89,7 @@ def search(folder: Path, seconds: float, names: list[str], module: str = "fuzz_r
         for name, each in told["slowest"].items():
             slowest[name] = max(each, slowest.get(name, 0.0))
         if process.returncode:
-            if not done:
+            if not done and "ERROR: libFuzzer" not in text:
                 raise RuntimeError(f"the search does not start: {text[-2000:]}")
             (faults / f"ended-{number}.txt").write_text(text[-20_000:])
     found = {}
@@ -93,7 +104,9 @@ def _child(folder: Path, seconds: int, names: list[str], module: str) -> None:
     """Search until the time is over; what is found lies in the folder."""
     import atheris
 
-    with atheris.instrument_imports(include=["mrm_nodes"], exclude=["mrm_nodes.reference", "mrm_nodes.render.context"]):
+    with atheris.instrument_imports(
+        include=["mrm_nodes"], exclude=["mrm_nodes.reference", "mrm_nodes.render.context"]
+    ):
         readers = __import__(module).READERS
     from mrm_nodes.errors import MrmError
 
@@ -134,7 +147,8 @@ def _child(folder: Path, seconds: int, names: list[str], module: str) -> None:
     def mutate(data: bytes, most: int, seed: int) -> bytes:
         if len(data) < 2 or data[0] >= len(names):
             data = bytes([seed % len(names)]) + chosen[seed % len(names)].seeds[0]
-        contents = _mutated(data[1:], chosen[data[0]].form, random.Random(seed), most - 1)
+        rng = random.Random(seed)
+        contents = mutated(data[1:], chosen[data[0]].form, rng, lambda each: atheris.Mutate(each, most - 1))
         return data[:1] + contents[: most - 1]
 
     arguments = [
@@ -165,19 +179,18 @@ def _note(faults: Path, name: str, error: Exception, data: bytes) -> None:
         (faults / f"{stem}.txt").write_text("".join(traceback.format_exception(error)))
 
 
-def _mutated(content: bytes, form: str, rng: random.Random, most: int) -> bytes:
-    import atheris
-    import fuzzing
-
+def mutated(content: bytes, form: str, rng: random.Random, bytewise: Callable[[bytes], bytes]) -> bytes:
+    """A file's contents changed as its form asks for, or byte by byte."""
     chance = rng.random()
     if form == "json" and chance < 0.5:
         return _other_tree(content, rng)
     if form != "bytes" and chance < 0.7:
-        return bytes(rng.choice(fuzzing._TEXT)(content, rng))
-    return bytes(atheris.Mutate(content, most))
+        return bytes(rng.choice(fuzzing.TEXT)(content, rng))
+    return bytes(bytewise(content))
 
 
-_VALUES: tuple[Any, ...] = (None, True, 0, -1, 3, 1e308, float("nan"), 1 << 70, "", "x", "../x", [], {}, [0, 0], "a.txt")
+_NUMBERS: tuple[Any, ...] = (True, 0, -1, 3, 1e308, float("nan"), float("inf"), 1 << 70)
+_VALUES: tuple[Any, ...] = (*_NUMBERS, None, "", "x", "../x", "a.txt", [], {}, [0, 0])
 
 
 def _other_tree(content: bytes, rng: random.Random) -> bytes:
@@ -228,9 +241,13 @@ def main() -> int:
         _child(given.child, given.seconds, given.only, given.module)
         return 0
     names = given.only or list(__import__(given.module).READERS)
-    result = search(given.corpus or Path(tempfile.mkdtemp(prefix="guided-")), given.seconds, names, given.module)
+    result = search(
+        given.corpus or Path(tempfile.mkdtemp(prefix="guided-")), given.seconds, names, given.module
+    )
     for name in names:
-        print(f"{name:<14} {result.executions.get(name, 0):>9} files, {result.slowest.get(name, 0.0):.2f} s at most")
+        print(
+            f"{name:<14} {result.executions.get(name, 0):>9} files, {result.slowest.get(name, 0.0):.2f} s at most"
+        )
     print(f"{sum(result.executions.values())} files, {result.edges} edges, {len(result.faults)} faults")
     for name, what in result.faults.items():
         print(f"{name}: {what}")

@@ -82,6 +82,15 @@ def test_a_name_means_the_file_that_materialx_finds(name: str, folders: list[Pat
     assert found.all() == ([] if found.file is None else [theirs])
 
 
+def test_a_name_that_no_system_opens_is_looked_for_nowhere(tmp_path):
+    name = "a/" * 20_000 + "b.png"
+    assert not find(name, [tmp_path]).all()
+    assert (
+        filenames.absence(name, [tmp_path])
+        == "its 40005 letters are more than the 4096 that a file's name can have"
+    )
+
+
 def test_an_absolute_name_is_looked_for_nowhere_else(folders: list[Path]):
     assert find(f"{folders[0]}/a.png", []).file == folders[0] / "a.png"
     assert find(str(folders[0]).replace("/", "\\"), []).file is None

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from mrm_nodes import jsontext
 from mrm_nodes.commands.options import external_option
 from mrm_nodes.errors import MrmError, suggestion
 
@@ -253,12 +254,10 @@ class _Run:
     """What a run left in its report's folder."""
 
     def __init__(self, folder: Path, backend: str | None) -> None:
-        import json
-
         self._folder, self._backend = folder, backend
         path = folder / "report.json"
         try:
-            report = json.loads(path.read_text(encoding="utf-8"))
+            report = jsontext.loads(path.read_text(encoding="utf-8"))
             records = [dict(record) for record in report["cases"] if record["kind"] == "material"]
             self.environment = dict(report["environment"])
             _check_form(self.environment, {"backends": dict})
@@ -266,7 +265,7 @@ class _Run:
                 _check_form(record, _FORM)
         except OSError as error:
             raise MrmError(f"{path}: cannot be read: {error.strerror}; run regress first") from None
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError):
             raise MrmError(f"{path}: damaged; run regress again") from None
         self._records = [record for record in records if backend in (None, record["backend"])]
 

@@ -22,6 +22,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import clear, lock, replace_durably, sync_folder, write_durably
 from mrm_nodes.regression.inputs import by_name, home_of
@@ -117,7 +118,7 @@ class Store:
                 f"`mrm-nodes baseline accept {name} --reason ...`"
             )
         try:
-            record = json.loads(_bytes(path))
+            record = jsontext.loads(_bytes(path))
             if record["format"] != FORMAT:
                 raise MrmError(
                     f"{path}: a baseline of format {record['format']}; this version reads {FORMAT}"
@@ -125,7 +126,7 @@ class Store:
             for key, kind in (("sha256", str), ("inputs", str), ("accepted", dict)):
                 if not isinstance(record[key], kind):
                     raise TypeError(key)
-        except (ValueError, KeyError, TypeError, RecursionError):
+        except (ValueError, KeyError, TypeError):
             raise MrmError(f"{path}: the baseline's provenance is damaged: {_RESTORE}") from None
         return dict(record)
 
@@ -286,8 +287,8 @@ class Store:
             return
         for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
             try:
-                entry = json.loads(line)
-            except (ValueError, RecursionError):
+                entry = jsontext.loads(line)
+            except ValueError:
                 continue
             if isinstance(entry, dict):
                 yield entry

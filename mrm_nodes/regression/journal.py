@@ -18,6 +18,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import clear, lock, write_text
 from mrm_nodes.regression.outcome import Outcome, as_record, from_record
@@ -185,8 +186,8 @@ def parsed(line: bytes) -> dict[str, Any] | None:
     if sum_ != b"%08x" % zlib.crc32(text):
         return None
     try:
-        record = json.loads(text)
-    except (ValueError, RecursionError):
+        record = jsontext.loads(text)
+    except ValueError:
         return None
     return record if isinstance(record, dict) else None
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import errno
-import json
 import os
 import platform
 import shutil
@@ -25,6 +24,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from jinja2 import TemplateError
+
+from mrm_nodes import jsontext
 from mrm_nodes.cachefolder import choose_numbas
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import prepare_folder
@@ -416,14 +418,20 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[st
             environment["partial"] = f"shards are missing: {', '.join(missing)}"
             if not partial:
                 environment["missing"] = missing
-        return write_records(folder, environment, [*records.values()], seconds)
+        try:
+            return write_records(folder, environment, [*records.values()], seconds)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, TemplateError) as error:
+            what = f"{type(error).__name__}: {error}"
+            raise MrmError(
+                f"{folder}: a shard's journal holds what no run writes ({what}); run the shards again"
+            ) from None
 
 
 def _seconds_of(report: Path) -> float:
     """What a run took, by its report.json."""
     try:
-        return float(json.loads(report.read_text())["summary"]["seconds"])
-    except (OSError, ValueError, KeyError):
+        return float(jsontext.loads(report.read_text())["summary"]["seconds"])
+    except (OSError, ValueError, KeyError, TypeError):
         raise MrmError(f"{report}: cannot be read; write it anew with --resume") from None
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+
+from mrm_nodes import jsontext
 
 MARK = ".mrm-report"
 """A file in each such folder."""
@@ -32,6 +33,10 @@ def _is_older(folder: Path, held: list[str]) -> bool:
     if not {OUTCOMES, "report.json", "index.html"} <= set(held):
         return False
     try:
-        return set(json.loads((folder / "report.json").read_bytes())) == {"environment", "cases", "summary"}
+        return set(jsontext.loads((folder / "report.json").read_bytes())) == {
+            "environment",
+            "cases",
+            "summary",
+        }
     except (OSError, ValueError, TypeError):
         return False

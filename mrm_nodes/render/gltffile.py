@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import base64
 import binascii
-import json
 import os
 import struct
 import urllib.parse
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.render.mesh import Part
 
@@ -65,8 +65,6 @@ def read_gltf_mesh(file: Path) -> list[Part]:
         return _Reader(file).parts()
     except OSError as error:
         raise MrmError(f"{file}: cannot be read: {error.strerror}") from None
-    except RecursionError:
-        raise MrmError(f"{file}: its nodes or its JSON are nested too deeply") from None
     except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
         raise MrmError(
             f"{file}: not a well-formed {file.suffix.lower()}: {type(error).__name__}: {error}"
@@ -79,7 +77,7 @@ def buffer_files(file: Path) -> list[Path]:
         gltf = _glb_json(file) if file.suffix.lower() == ".glb" else _content(file)[0]
         uris = [buffer["uri"] for buffer in gltf.get("buffers", ()) if "uri" in buffer]
         return [_buffer_file(file, uri) for uri in uris if not uri.startswith("data:")]
-    except (MrmError, OSError, KeyError, TypeError, ValueError, AttributeError, struct.error):
+    except (MrmError, OSError, LookupError, TypeError, ValueError, AttributeError, struct.error):
         return []
 
 
@@ -91,7 +89,7 @@ def _content(file: Path) -> tuple[Json, bytes]:
     if file.suffix.lower() == ".glb":
         raise MrmError(f"{file}: not a .glb file")
     try:
-        gltf = json.loads(content)
+        gltf = jsontext.loads(content)
     except ValueError as error:
         raise MrmError(f"{file}: not a .gltf file: {error}") from None
     if not isinstance(gltf, dict):
@@ -107,7 +105,7 @@ def _glb_chunks(content: bytes, file: Path) -> tuple[Json, bytes]:
         raise MrmError(f"{file}: glTF version {version}; only version 2 is read")
     if length > len(content):
         raise MrmError(f"{file}: truncated: {len(content)} of {length} bytes are there")
-    gltf = json.loads(content[20 : 20 + json_length])
+    gltf = jsontext.loads(content[20 : 20 + json_length])
     start = 20 + json_length
     if start + 8 > len(content):
         return gltf, b""
@@ -119,7 +117,7 @@ def _glb_json(file: Path) -> Json:
     """Return the JSON of a .glb alone: what follows may be large."""
     with file.open("rb") as content:
         (length,) = struct.unpack_from("<I", content.read(20), 12)
-        gltf: Json = json.loads(content.read(length))
+        gltf: Json = jsontext.loads(content.read(length))
     return gltf
 
 

@@ -156,7 +156,7 @@ def find_image(name: str, search_path: Sequence[Path], uniform: str) -> filename
     """
     found = filenames.find(name, search_path)
     if found.file is None and not found.tiles:
-        shown = name if name.strip() else repr(name)
+        shown = f"{name[:100]}…" if len(name) > filenames.LONGEST else name if name.strip() else repr(name)
         raise MrmError(f"{shown}: no such image (input {uniform}): {filenames.absence(name, search_path)}")
     return found
 

@@ -23,7 +23,7 @@ from typing import Any
 
 import MaterialX as mx
 
-from mrm_nodes import external, filenames, library
+from mrm_nodes import external, filenames, jsontext, library
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import write_bytes
 from mrm_nodes.surfaces.names import fitting
@@ -124,13 +124,16 @@ def read_gltf(path: str | os.PathLike[str]) -> Asset:
     else:
         text = data
     try:
-        content = json.loads(text)
+        content = jsontext.loads(text)
     except ValueError as error:
         raise MrmError(f"{path}: not glTF: {error}") from None
     about = content.get("asset") if isinstance(content, dict) else None
     version = about.get("version") if isinstance(about, dict) else None
     if not (isinstance(version, str) and version.startswith("2.")):
         raise MrmError(f"{path}: not glTF 2: its asset says version {version}")
+    for name in ("materials", "textures", "images", "samplers", "bufferViews", "buffers", "meshes"):
+        if not isinstance(content.get(name) or [], list):
+            raise MrmError(f"{path}: not laid out as glTF 2.0 says: {name} is no list")
     return Asset(path, content, binary)
 
 
@@ -254,7 +257,7 @@ def _document(
             reader.add(index, material)
         except _NothingForIt as error:
             left_out.append(str(error))
-        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             # Each of its numbers and objects is looked at once, as what it should be.
             raise MrmError(f"{reader.where}: not laid out as glTF 2.0 says: {error}") from error
     if len(left_out) == len(materials):

@@ -523,6 +523,17 @@ def test_an_acceptance_for_which_there_is_no_room_leaves_the_old_baseline_and_no
         assert stored(tmp_path) == before
 
 
+def test_an_image_that_is_not_the_run_s_is_not_accepted(suite: Path, command: Callable[..., Any]):
+    """A later run in the same folder was cut short, or a power cut kept one file and lost another."""
+    (report,) = (suite / "report").glob("cases/*")
+    shutil.copyfile(report / ROUGH / "render.exr", report / SOFT / "render.exr")
+    status, _, err = command("accept", SOFT, "--reason", "looked at")
+    assert status == 2
+    assert err.endswith("render.exr: not the render that the run came to: go on with regress --resume\n")
+    assert stored(suite) == {}
+    assert command("accept", ROUGH, "--reason", "looked at")[0] == 0
+
+
 def test_two_acceptances_that_are_cut_short_leave_the_first_one_s_image(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -98,7 +98,8 @@ def accept(
             "suite": _suite_digest(suite),
         }
         plain = json.loads(json.dumps(provenance))
-        case.store.accept(case.name, image, plain, reason, standing[case.name])
+        rendered = record["details"].get("render")
+        case.store.accept(case.name, image, plain, reason, standing[case.name], rendered)
         click.echo(f"accepted {case.name}: {case.store.paths(case.name)[0]}")
 
 

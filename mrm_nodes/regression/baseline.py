@@ -72,6 +72,15 @@ def fingerprint(case: Case) -> str:
     return hashlib.sha256(json.dumps([setup, files], sort_keys=True).encode()).hexdigest()
 
 
+def digest_of(image: Path) -> str:
+    """What an image file is known by.
+
+    Raises:
+        MrmError: it cannot be read.
+    """
+    return hashlib.sha256(_bytes(image)).hexdigest()
+
+
 def _bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
@@ -159,7 +168,7 @@ class Store:
     def _image(self, name: str, digest: str) -> Path | None:
         """The file that holds an accepted image: an acceptance that was cut short left it under the second name."""
         for path in (self.paths(name)[0], self._pending(name)):
-            if path.is_file() and hashlib.sha256(_bytes(path)).hexdigest() == digest:
+            if path.is_file() and digest_of(path) == digest:
                 return path
         return None
 
@@ -181,6 +190,7 @@ class Store:
         provenance: Mapping[str, Any],
         reason: str | None,
         replaces: str | None = None,
+        render: str | None = None,
     ) -> None:
         """Make an image file the baseline of a case, and record it.
 
@@ -188,6 +198,7 @@ class Store:
             image: an EXR file.
             provenance: what it was made of and with; `inputs` is the case's fingerprint.
             replaces: the `standing` that whoever accepts has seen; by default that at this call.
+            render: the `digest_of` the image that is meant; by default of the one that is there.
 
         Raises:
             MrmError: it cannot be read or written, or another acceptance came first: then nothing is changed.
@@ -195,6 +206,8 @@ class Store:
         contents = _bytes(image)
         seen = self.standing(name) if replaces is None else replaces
         digest = hashlib.sha256(contents).hexdigest()
+        if render not in (None, digest):
+            raise MrmError(f"{image}: not the render that the run came to: go on with regress --resume")
         accepted = _decision(reason)
         record = {"format": FORMAT, "case": name, "sha256": digest, "accepted": accepted, **provenance}
         path, beside = self.paths(name)
@@ -277,7 +290,7 @@ class Store:
         Raises:
             MrmError: the image cannot be read, or the log cannot be written.
         """
-        with self._deciding("reject", name, hashlib.sha256(_bytes(image)).hexdigest(), _decision(reason)):
+        with self._deciding("reject", name, digest_of(image), _decision(reason)):
             pass
 
     def decisions(self) -> Iterator[dict[str, Any]]:

@@ -213,6 +213,7 @@ def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path
             expected.truth = case.store.read(case.name, drawn.image.shape)
         except MrmError:
             _write_render(drawn, mask, source, folder / place, outcome)
+            _note_render(folder, outcome)
             raise
         expected.tolerance = BASELINE_TOLERANCE
     else:
@@ -221,6 +222,14 @@ def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path
         used, flip = _compare(case, expected, mask, outcome)
         written = write_pictures(folder / place, expected.image, expected.truth, mask, used, flip, source)
         outcome.files = _below(place, written)
+    _note_render(folder, outcome)
+
+
+def _note_render(folder: Path, outcome: Outcome) -> None:
+    """Note what an acceptance is of: by then another file may lie in its place."""
+    if outcome.truth == "baseline":
+        render = baseline.digest_of(folder / str(outcome.files["render_data"]))
+        outcome.details = {**outcome.details, "render": render}
 
 
 @dataclass

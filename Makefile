@@ -5,6 +5,7 @@
 # make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
 # make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
 #                coverage, for each reader
+# make faults    kill runs 200 times, fill the disk at every change, cut the power at every moment; hours
 # make lint      check types, lint and format
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.
@@ -21,7 +22,7 @@ TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py t
 # Minutes: MaterialX's own documents, where they lie beside the checkout, through everything.
 FULL_TESTS := tests/test_sweep.py
 
-.PHONY: regress regress-full test lint setup clean targets clients fuzz
+.PHONY: regress regress-full test lint setup clean targets clients fuzz faults
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --scenes
@@ -48,6 +49,9 @@ fuzz: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'
 	MRM_FUZZ=2400 MRM_FUZZ_SECONDS=560 $(BIN)/python -m pytest -q -n 2 --dist loadfile \
 		tests/test_fuzz.py tests/test_fuzz_readers.py
+
+faults: setup
+	MRM_FAULTS=200 $(BIN)/python -m pytest -q -n 2 tests/test_full_disk.py tests/test_power_cut.py tests/test_kills.py
 
 lint: setup
 	$(BIN)/ruff check .

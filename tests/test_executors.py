@@ -2,17 +2,19 @@
 
 import multiprocessing
 import os
+from concurrent.futures import Future
 from random import Random
 from types import SimpleNamespace
 
 import pytest
 
+from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import cluster
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.executors import Queue, estimate, threads
-from mrm_nodes.regression.inputs import conditions, digest_of
-from mrm_nodes.regression.outcome import outcome_of
+from mrm_nodes.regression.inputs import Inputs, conditions, digest_of
+from mrm_nodes.regression.outcome import as_record, outcome_of
 
 
 def task(name, structure, seconds):
@@ -92,7 +94,8 @@ class Plainly:
 @pytest.mark.parametrize("seed", range(40))
 def test_the_order_is_that_of_the_rule_with_any_workers_also_as_some_are_lost(seed):
     random = Random(seed)
-    tasks = [task(str(number), random.randrange(30), random.randrange(4)) for number in range(120)]
+    lengths = random.choice((2, 5, 30))
+    tasks = [task(str(number), random.randrange(4), random.randrange(lengths)) for number in range(120)]
     workers = list(range(random.randrange(1, 6)))
     queue, plainly = queue_of(tasks), Plainly(tasks)
     for number in range(len(tasks)):
@@ -190,3 +193,29 @@ def test_a_fork_has_worker_processes_of_its_own(monkeypatch, tmp_path):
     child.join()
     assert its_starter == itself != os.getpid()
     assert starter() == os.getpid()
+
+
+@pytest.mark.parametrize(
+    "name", ["../secret", "/tmp/secret", "cases/../../secret", "cases//secret", "cases\\secret", "", "a\0b"]
+)
+@pytest.mark.parametrize("of", ["a file", "a picture"])
+def test_no_file_that_a_worker_sends_leads_outside_of_the_report(name, of, tmp_path):
+    """Whoever answers for a cluster's worker chooses the names."""
+    case = default_suite()[0]
+    answer = Future()
+    record = as_record(outcome_of(case, "egl", "pass", files={"render": name} if of == "a picture" else {}))
+    harm = {name: b"harm"} if of == "a file" else {}
+    answer.set_result(cluster.Result(record, {"cases/render.exr": b"sound", **harm}))
+    executor = SimpleNamespace(submit=lambda *arguments: answer)
+    scratch = tmp_path / "report" / "scratch"
+    scratch.mkdir(parents=True)
+    judged = cluster.run_on(cluster.Cluster(executor), [case], "egl", scratch, Inputs(), {}, 60.0)
+    with pytest.raises(MrmError, match=r"a worker sent a file .*, which leads outside"):
+        next(judged)
+    assert {each.name for each in tmp_path.rglob("*")} <= {
+        "report",
+        "scratch",
+        "arrived",
+        "cases",
+        "render.exr",
+    }

@@ -177,11 +177,13 @@ def run_on(
                     submit(task, answer.digests)
                     continue
                 folder = scratch / "arrived"
-                for name, data in answer.files.items():
+                told = [each for each in answer.record["files"].values() if isinstance(each, str)]
+                for name in (*answer.files, *told):
                     if not is_inside(name):
                         raise MrmError(
                             f"a worker sent a file {name!r}, which leads outside of the report's folder"
                         )
+                for name, data in answer.files.items():
                     target = folder / name
                     target.parent.mkdir(parents=True, exist_ok=True)
                     target.write_bytes(data)

@@ -10,6 +10,8 @@ from mrm_nodes.errors import MrmError
 
 DEEPEST = 100
 """Graphs that implement nodes of graphs that implement nodes, and so on."""
+LONGEST_CHAIN = 1000
+"""Nodes each of which is the source of the one before: MaterialX's own code has no limit but the stack."""
 MOST_NODES = 20_000
 """Nodes that one graph may come to."""
 MOST_LIBRARIES = 8
@@ -17,7 +19,8 @@ MOST_LIBRARIES = 8
 
 
 def check_cycles(document: mx.Document, where: str) -> None:
-    """Check that nothing inherits from itself, and that no node's graph contains the node or a vast number of others.
+    """Check that nothing inherits from itself, no node's graph contains the node or a vast number of others, and no
+    chain of nodes is too long.
 
     Connections that go round are found by whoever follows them.
 
@@ -32,6 +35,68 @@ def check_cycles(document: mx.Document, where: str) -> None:
     sizes = {name: size for name, size in known.items() if name not in graphs}
     for name in graphs:
         _measure(name, graphs, sizes, (), where)
+    _check_chains(document, where)
+
+
+def _check_chains(document: mx.Document, where: str) -> None:
+    """Check how many nodes follow each other, through the inputs and outputs of graphs too."""
+    sources = _sources(document)
+    lengths: dict[str, int] = {}
+    for root in sources:
+        # What is on the way: a place, what it still has to ask, and the longest chain behind it so far.
+        way = [] if root in lengths else [(root, iter(sources[root]))]
+        lengths.setdefault(root, 0)
+        while way:
+            place, waiting = way[-1]
+            source = next(waiting, None)
+            if source is None:
+                way.pop()
+                if way:
+                    _lengthen(way[-1][0], lengths[place], lengths, where)
+            elif source in lengths:
+                # Of what goes round, where it closes counts as its end.
+                _lengthen(place, lengths[source], lengths, where)
+            else:
+                lengths[source] = 0
+                way.append((source, iter(sources.get(source, ()))))
+
+
+def _lengthen(place: str, length: int, lengths: dict[str, int], where: str) -> None:
+    # Places of graphs' inputs and outputs are no nodes.
+    lengths[place] = max(lengths[place], length + (not place.endswith(">")))
+    if lengths[place] > LONGEST_CHAIN:
+        raise MrmError(
+            f"{where}: {place}: more than {LONGEST_CHAIN} nodes, each the source of the one before"
+        )
+
+
+def _sources(document: mx.Document) -> dict[str, list[str]]:
+    """By the path of a node, or of a port of a graph (with `>` behind it), the places that it is connected to."""
+    sources: dict[str, list[str]] = {}
+    for port in document.traverseTree():
+        if not isinstance(port, mx.Input | mx.Output):
+            continue
+        owner = port.getParent()
+        if isinstance(owner, mx.NodeDef):
+            continue
+        path = owner.getNamePath()
+        place = path if isinstance(owner, mx.Node) else f"{path}/{port.getName()}>"
+        scope = path if isinstance(port, mx.Output) else owner.getParent().getNamePath()
+        found = sources.setdefault(place, [])
+        beside = f"{scope}/" if scope else ""
+        node, graph, output, interface = map(
+            port.getAttribute, ("nodename", "nodegraph", "output", "interfacename")
+        )
+        if node:
+            found.append(f"{beside}{node}")
+        if graph or (output and not node):
+            found.append(f"{beside}{graph}/{output}>" if graph else f"{beside}{output}>")
+        if interface:
+            found.append(f"{beside}{interface}>")
+        if isinstance(owner, mx.NodeGraph) and isinstance(port, mx.Output):
+            # Who names no output has any of them.
+            sources.setdefault(f"{path}/>", []).append(place)
+    return sources
 
 
 #: By a library's identity: documents have no hash. A library that is kept here keeps its identity.

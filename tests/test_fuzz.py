@@ -84,6 +84,37 @@ def definition(number: int, inner: str, kind: str = "color3", count: int = 1) ->
     )
 
 
+def emission(count: int, width: int) -> str:
+    """Additions of light, each of the next one, once or twice."""
+    ports = [f"in{k + 1}" for k in range(width)]
+    return (
+        "".join(
+            f'<add name="e{k}" type="EDF">'
+            + "".join(f'<input name="{port}" type="EDF" nodename="e{k + 1}" />' for port in ports)
+            + "</add>"
+            for k in range(count)
+        )
+        + f'<uniform_edf name="e{count}" type="EDF" />'
+    )
+
+
+def graph(name: str, source: str) -> str:
+    """A graph that hands on what another one gives."""
+    connected = f'nodegraph="{source}" output="o"' if source else 'value="1, 0, 0"'
+    return (
+        f'<nodegraph name="{name}"><input name="i" type="color3" {connected} /><add name="x" type="color3">'
+        '<input name="in1" type="color3" interfacename="i" /></add>'
+        '<output name="o" type="color3" nodename="x" /></nodegraph>'
+    )
+
+
+THROUGH_GRAPHS = (
+    '<mrm_conductor_bsdf name="b" type="BSDF"><input name="ior" type="color3" nodegraph="g1" output="o" />'
+    "</mrm_conductor_bsdf>" + SURFACE
+)
+SHINING = '<mrm_conductor_bsdf name="b" type="BSDF" />' + SURFACE.replace(
+    "</surface>", '<input name="edf" type="EDF" nodename="e0" /></surface>'
+)
 SHOWN = '<output name="o" type="color3" nodename="a" />'
 OWN = '<n0 name="a" type="color3" />' + SHOWN
 ROUND = {
@@ -117,6 +148,28 @@ ROUND = {
     )
     + '<mrm_conductor_bsdf name="b30" type="BSDF" />'
     + SURFACE,
+    "a lobe is mixed a thousand times over": "".join(
+        f'<mix name="b{"" if k == 0 else k}" type="BSDF"><input name="fg" type="BSDF" nodename="b{k + 1}" />'
+        '<input name="mix" type="float" value="0.5" /></mix>'
+        for k in range(1000)
+    )
+    + '<mrm_conductor_bsdf name="b1000" type="BSDF" />'
+    + SURFACE,
+    "a light that doubles thirty times": emission(30, 2) + SHINING,
+    "a light that is a thousand additions": emission(1000, 1) + SHINING,
+    "a light that adds itself": '<add name="e0" type="EDF"><input name="in1" type="EDF" nodename="e0" /></add>'
+    + SHINING,
+    "a number that doubles thirty times": "".join(
+        f'<max name="x{k}" type="float"><input name="in1" type="float" nodename="x{k + 1}" />'
+        f'<input name="in2" type="float" nodename="x{k + 1}" /></max>'
+        for k in range(30)
+    )
+    + '<constant name="x30" type="float" /><mrm_conductor_bsdf name="b" type="BSDF">'
+    '<input name="retroreflectivity" type="float" nodename="x0" /></mrm_conductor_bsdf>' + SURFACE,
+    "graphs that are each other's source": graph("g1", "g2") + graph("g2", "g1") + THROUGH_GRAPHS,
+    "graphs behind each other": "".join(graph(f"g{k}", f"g{k + 1}") for k in range(1, 300))
+    + graph("g300", "")
+    + THROUGH_GRAPHS,
     "a chain of a thousand nodes": "".join(node("a" if k == 0 else f"a{k}", f"a{k + 1}") for k in range(1000))
     + '<constant name="a1000" type="color3" />'
     + SHOWN,
@@ -142,3 +195,67 @@ def test_a_mutation_is_found_again_by_its_number():
     first = [fuzzing.mutated(content, "mtlx", number) for number in range(20)]
     assert first == [fuzzing.mutated(content, "mtlx", number) for number in range(20)]
     assert len(set(first)) > 15
+
+
+def colors(count: int) -> str:
+    return (
+        "".join(node(f"a{k}", f"a{k + 1}") for k in range(count))
+        + f'<constant name="a{count}" type="color3" />'
+        + '<output name="o" type="color3" nodename="a0" />'
+    )
+
+
+def lobes(count: int) -> str:
+    return (
+        "".join(
+            f'<mix name="b{k}" type="BSDF"><input name="fg" type="BSDF" nodename="b{k + 1}" /></mix>'
+            for k in range(count)
+        )
+        + f'<mrm_conductor_bsdf name="b{count}" type="BSDF" />'
+        + SURFACE.replace('"b"', '"b0"')
+    )
+
+
+def graphs(count: int) -> str:
+    return (
+        "".join(graph(f"g{k}", f"g{k + 1}") for k in range(1, count))
+        + graph(f"g{count}", "")
+        + THROUGH_GRAPHS
+    )
+
+
+def zigzag(count: int) -> str:
+    """One graph, through which a chain passes again and again by other inputs and outputs."""
+    ports = "".join(
+        f'<input name="i{k}" type="color3" nodename="a{k}" /><output name="o{k}" type="color3" nodename="x{k}" />'
+        f'<add name="x{k}" type="color3"><input name="in1" type="color3" interfacename="i{k}" /></add>'
+        for k in range(count)
+    )
+    outside = "".join(
+        f'<add name="a{k}" type="color3"><input name="in1" type="color3" nodegraph="g1" output="o{k + 1}" /></add>'
+        for k in range(count - 1)
+    )
+    return (
+        f'<nodegraph name="g1">{ports}</nodegraph>{outside}<constant name="a{count - 1}" type="color3" />'
+        + THROUGH_GRAPHS.replace('output="o"', 'output="o0"')
+    )
+
+
+@pytest.mark.parametrize("chain", [colors, lobes, graphs, zigzag])
+def test_a_chain_of_nodes_has_a_limit_below_which_all_goes_well(
+    chain: object, victim: fuzzing.Victim, tmp_path: Path
+):
+    # MaterialX's generators go into each source from within the one before, and crash at thirty thousand.
+    assert callable(chain)
+    for count, statuses, told in (
+        (300, (0,), ""),
+        (1100, (2,), "more than 1000 nodes, each the source of"),
+    ):
+        file = tmp_path / "a.mtlx"
+        file.write_text(f'<materialx version="1.39">{chain(count)}</materialx>')
+        for arguments in (
+            ["generate", str(file), "--target", "glsl", "-o", str(tmp_path / "out")],
+            ["suite", "check", str(tmp_path)],
+        ):
+            status, said = victim.run(arguments)
+            assert status in statuses and told in said, said

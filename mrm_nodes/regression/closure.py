@@ -7,7 +7,8 @@ graph can be generated and rendered: no pattern, texture or normal map is implem
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import MaterialX as mx
@@ -27,6 +28,10 @@ _OPAQUE = ("conductor_bsdf", DIFFUSE_NODE, "burley_diffuse_bsdf", "translucent_b
 
 MOST_LOBES = 500
 """Parts of a tree beyond which a material is no longer taken apart."""
+DEEPEST = 100
+"""Mixes and layers within each other, likewise."""
+_DEEPEST_FOLD = 8
+"""Nodes within each other whose value is looked for."""
 
 _OUTPUT = "mrm_truth_"
 """Start of the names of the outputs that are added to a document."""
@@ -214,14 +219,22 @@ class _Reader:
         if node is None:
             return Nothing(opaque=False)
         path, category = node.getNamePath(), node.getCategory()
+        with self._within(path):
+            return self._node(node, category, path)
+
+    @contextmanager
+    def _within(self, path: str) -> Iterator[None]:
+        """Read what a node is made of."""
         if path in self.above:
             raise UnknownClosure(f"{path} contains itself")
         self.read += 1
         if self.read > MOST_LOBES:
             raise UnknownClosure(f"it has more than {MOST_LOBES} lobes, mixes and layers")
+        if len(self.above) > DEEPEST:
+            raise UnknownClosure(f"it has more than {DEEPEST} mixes and layers within each other")
         self.above.append(path)
         try:
-            return self._node(node, category, path)
+            yield
         finally:
             self.above.pop()
 
@@ -279,18 +292,22 @@ class _Reader:
         if factor == "in2" and self.port(node, "in2") in (0.0, (0.0, 0.0, 0.0)):
             return []
         found = []
-        for each in node.getInputs():
-            if each.getType() == "EDF":
-                found += self.emissions(each)
+        with self._within(node.getNamePath()):
+            for each in node.getInputs():
+                if each.getType() == "EDF":
+                    found += self.emissions(each)
         return found
 
-    def port(self, node: mx.Node, name: str) -> Port:
-        """What an input of a node is given."""
+    def port(self, node: mx.Node, name: str, folded_in: int = 0) -> Port:
+        """What an input of a node is given.
+
+        folded_in: how many nodes' values hang on it.
+        """
         declared = node.getNodeDef().getActiveInput(name)
         given = node.getInput(name)
         port = None if given is None else _outermost(given)
         if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):
-            folded = self._folded(port)
+            folded = self._folded(port, folded_in + 1)
             return self._driven(port) if folded is None else folded
         if declared.getAttribute("defaultgeomprop"):
             # MaterialX's generators pass over a value there.
@@ -300,15 +317,16 @@ class _Reader:
             return plain_value(port) if colorspaces.is_linear(space) else self._decoded(port, space)
         return plain_value(declared)
 
-    def _folded(self, port: mx.Input) -> float | None:
+    def _folded(self, port: mx.Input, depth: int) -> float | None:
         """The number that `extract` and `max` make of constants: so `gltf_pbr` knows that it has no sheen."""
         node = _source(port)
-        if node is None or port.getType() != "float" or node.getCategory() not in ("extract", "max"):
+        is_known = node is not None and port.getType() == "float" and node.getCategory() in ("extract", "max")
+        if node is None or not is_known or depth > _DEEPEST_FOLD:
             return None
         if node.getCategory() == "extract":
-            whole, index = self.port(node, "in"), self.port(node, "index")
+            whole, index = self.port(node, "in", depth), self.port(node, "index", depth)
             return whole[int(index)] if isinstance(whole, tuple) and isinstance(index, float) else None
-        first, second = self.port(node, "in1"), self.port(node, "in2")
+        first, second = self.port(node, "in1", depth), self.port(node, "in2", depth)
         return max(first, second) if isinstance(first, float) and isinstance(second, float) else None
 
     def _driven(self, port: mx.Input) -> Driven:

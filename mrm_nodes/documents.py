@@ -63,11 +63,14 @@ _OF_NODES = frozenset(
 def _drop_empty(document: mx.Document) -> None:
     """Remove the inputs that are an empty text where a node could be: exporters write them, some generators fail."""
     connections = ("nodename", "nodegraph", "interfacename", "output")
-    for node in [each for each in document.traverseTree() if each.isA(mx.Node)]:
-        for port in node.getInputs():
-            is_connected = any(port.getAttribute(name) for name in connections)
-            if port.getType() in _OF_NODES and not port.getAttribute("value") and not is_connected:
-                node.removeInput(port.getName())
+    of_nodes = [
+        each
+        for each in document.traverseTree()
+        if isinstance(each, mx.Input) and each.getType() in _OF_NODES and isinstance(each.getParent(), mx.Node)
+    ]
+    for port in of_nodes:
+        if not any(port.getAttribute(name) for name in ("value", *connections)):
+            port.getParent().removeInput(port.getName())
 
 
 def files_of(path: Path, document: mx.Document) -> list[Path]:
@@ -168,10 +171,14 @@ class _Reading:
         """Check what MaterialX's reader has no limit for, before it reads."""
         elements = nameless = 0
         shaders: set[str] = set()
+        # No more elements than this: then no names are looked at.
+        is_small = text.count("<") <= MOST_NAMELESS
         for token in xmltext.tokens(text, str(file)):
             if token.opens or not token.closes:
                 elements += 1
-                name = xmltext.attributes_of(token.attributes).get("name", "")
+                if is_small:
+                    continue
+                name = xmltext.name_in(token.attributes)
                 is_reference = token.name == "shaderref"
                 # MaterialX makes nodes of an old document's shader references, all in one place.
                 nameless += not name or (is_reference and name in shaders)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Set
 
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
@@ -99,18 +99,21 @@ def check_document(
     roots = _renderables(document) if element is None else [element]
     used = used_by(roots, target)
     for each in used:
-        if each.isA(mx.Node) and (each.getNodeDef() is None or _is_given_ours(each)):
+        if isinstance(each, mx.Node) and _is_ill_defined(each):
             raise MrmError(f"{where}: node {each.getNamePath()}: {_why_undefined(each, document)}")
+    own = document.getChildren()
+    defining = {each.getName() for each in own if isinstance(each, mx.NodeGraph) and each.getNodeDefString()}
+    defining |= {each.getNodeGraph() for each in own if isinstance(each, mx.Implementation)}
     for each in used:
-        if each.isA(mx.Input) or each.isA(mx.Output):
-            _check_port(each, f"{where}: {each.getNamePath()}")
+        if isinstance(each, mx.Input | mx.Output):
+            _check_port(each, where, defining)
 
 
-def _is_given_ours(node: mx.Node) -> bool:
-    """Whether a node that names its definition has an input of ours that the definition lacks: it would do nothing."""
-    definition = node.getNodeDef()
-    return any(
-        twin_with(node.getCategory(), port.getName()) and definition.getActiveInput(port.getName()) is None
+def _is_ill_defined(node: mx.Node) -> bool:
+    """Whether a node has no definition, or names one that lacks an input of ours: that would do nothing."""
+    definition, category = node.getNodeDef(), node.getCategory()
+    return definition is None or any(
+        twin_with(category, port.getName()) and definition.getActiveInput(port.getName()) is None
         for port in node.getInputs()
     )
 
@@ -134,12 +137,12 @@ def used_by(elements: Iterable[mx.Element], target: str = "") -> list[mx.Element
 
 
 def _sources(element: mx.Element, target: str) -> Iterator[mx.Element | None]:
-    if element.isA(mx.NodeGraph):
+    if isinstance(element, mx.NodeGraph):
         yield from element.getOutputs()
-    elif element.isA(mx.Node):
+    elif isinstance(element, mx.Node):
         yield from element.getInputs()
         yield from _own_graphs(element, target)
-    elif element.isA(mx.Input) or element.isA(mx.Output):
+    elif isinstance(element, mx.Input | mx.Output):
         name = element.getInterfaceName()
         graph = graph_around(element) if name else None
         if graph is not None:
@@ -200,30 +203,58 @@ def _listed(names: Iterable[str]) -> str:
     return " or ".join(sorted(set(names)))
 
 
-def _check_port(port: mx.Input | mx.Output, place: str) -> None:
-    text = port.getValueString()
-    if text and port.getType() in _NUMBERS and not _is_number(port, place):
-        raise MrmError(f"{place}: {text} is not {_NUMBERS[port.getType()]}")
+def _check_port(port: mx.Input | mx.Output, where: str, defining: Set[str]) -> None:
+    text, kind = port.getValueString(), port.getType()
+    if text and kind in _NUMBERS and not _is_number(port, where):
+        raise MrmError(f"{_place(port, where)}: {text} is not {_NUMBERS[kind]}")
     source = port.getAttribute("nodename") or port.getAttribute("nodegraph")
     # Generation would go on without it, or end in the compiler. Other complaints it can live with.
-    if source and "port connection" in port.validate()[1]:
+    if source and not _is_plainly_connected(port, defining) and "port connection" in port.validate()[1]:
         output = port.getOutputString()
         raise MrmError(
-            f"{place}: connected to {source}{'/' + output if output else ''}, "
-            f"which does not exist here or is no {port.getType()}"
+            f"{_place(port, where)}: connected to {source}{'/' + output if output else ''}, "
+            f"which does not exist here or is no {kind}"
         )
     node = port.getParent()
-    if text and port.isA(mx.Input) and node.isA(mx.Node) and port.getType() == "string":
+    if text and kind == "string" and isinstance(port, mx.Input) and isinstance(node, mx.Node):
         declared = node.getNodeDef().getActiveInput(port.getName())
         choices = declared.getAttribute("enum") if declared is not None else ""
         known = [choice.strip() for choice in choices.split(",")] if choices else [text]
         if text not in known:
-            raise MrmError(f"{place}: {unknown('value', text, known)}")
+            raise MrmError(f"{_place(port, where)}: {unknown('value', text, known)}")
     if node.getCategory().startswith("mrm_") and port.getName() in _RANGES:
-        _warn_of_clamping(port, place)
+        _warn_of_clamping(port, where)
 
 
-def _is_number(port: mx.Input | mx.Output, place: str) -> bool:
+def _place(port: mx.Input | mx.Output, where: str) -> str:
+    return f"{where}: {port.getNamePath()}"
+
+
+def _is_plainly_connected(port: mx.Input | mx.Output, defining: Set[str]) -> bool:
+    """Whether a port has the output that it names, of a node or of a graph that defines none, and that its type.
+
+    MaterialX's validation would say the same of it, but follows outputs through their whole graph and looks for a
+    graph's definition among all that there are.
+
+    defining: names of the document's graphs that define nodes.
+    """
+    node, name = port.getConnectedNode(), port.getOutputString()
+    if node is None:
+        return False
+    source: mx.Element | None = node
+    if port.getAttribute("nodegraph"):
+        is_one = name and isinstance(port, mx.Input) and not port.getAttribute("nodename")
+        source = port.getConnectedOutput() if is_one else None
+        graph = None if source is None else source.getParent()
+        if graph is None or not graph.isA(mx.NodeGraph) or graph.getName() in defining:
+            return False
+    elif name:
+        definition = node.getNodeDef() if node.getType() == "multioutput" else None
+        source = definition and definition.getOutput(name)
+    return source is not None and source.getType() == port.getType()
+
+
+def _is_number(port: mx.Input | mx.Output, where: str) -> bool:
     """Whether a value is what its type says; MaterialX itself takes `0,5` for 0 and `1x` for 1."""
     if port.getValue() is None:
         return False
@@ -239,11 +270,12 @@ def _is_number(port: mx.Input | mx.Output, place: str) -> bool:
             return False
         # Among several it is clear which number is meant, and MaterialX's own documents have such.
         if read[0] != number:
-            warnings.warn(f"{place}: {number} is read as {read[0]}", MrmWarning, stacklevel=5)
+            told = f"{_place(port, where)}: {number} is read as {read[0]}"
+            warnings.warn(told, MrmWarning, stacklevel=5)
     return True
 
 
-def _warn_of_clamping(port: mx.Input, place: str) -> None:
+def _warn_of_clamping(port: mx.Input, where: str) -> None:
     low, high = _RANGES[port.getName()]
     # Through a graph's interface, what is set there reaches the node.
     source = port.getInterfaceInput() or port
@@ -251,6 +283,5 @@ def _warn_of_clamping(port: mx.Input, place: str) -> None:
     numbers = value.asTuple() if hasattr(value, "asTuple") else (value,)
     if any(isinstance(number, float) and not low <= number <= high for number in numbers):
         limits = f"{low:g} to {high:g}" if math.isfinite(high) else f"at least {low:g}"
-        warnings.warn(
-            f"{place}: {source.getValueString()} is clamped to its range, {limits}", MrmWarning, stacklevel=5
-        )
+        told = f"{_place(port, where)}: {source.getValueString()} is clamped to its range, {limits}"
+        warnings.warn(told, MrmWarning, stacklevel=5)

@@ -77,10 +77,13 @@ def check_files(document: mx.Document, path: Path, allow_external: bool = False)
         MrmError: one lies outside of the document's folder and the node libraries, is an address in a network, or is
             source that cannot be looked through. It is named, and nothing of it quoted.
     """
+    ports, implementations = list(_filenames(document)), _implementations(document)
+    if not ports and not implementations:
+        return []
     check = _Check(path, allow_external)
-    for port in _filenames(document):
+    for port in ports:
         check.image(filenames.resolved(port), port.getNamePath())
-    for implementation in _implementations(document):
+    for implementation in implementations:
         check.source(implementation.getFile(), implementation)
     return list(dict.fromkeys(map(filenames.absolute, check.found)))
 

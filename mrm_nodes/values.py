@@ -292,12 +292,15 @@ def explicit(document: mx.Document) -> mx.Document:
     comes into it.
     """
     copy = _copied(document)
-    has_units = any(port.hasAttribute("unit") for port in _inputs(copy))
+    ports = list(_inputs(copy))
+    has_units = any(port.hasAttribute("unit") for port in ports)
     definitions = units.unit_definitions(copy, library.shared_library()) if has_units else None
     edits = _Edits()
-    for port in _node_inputs(copy):
-        if port.getType() in (*_COLORS, "filename") and space_of(port):
-            edits.set(port, colorspace=space_of(port))
+    for port in ports:
+        if not isinstance(port.getParent(), mx.Node):
+            continue
+        if port.getType() in (*_COLORS, "filename") and (space := space_of(port)):
+            edits.set(port, colorspace=space)
         if definitions is not None:
             _settle_unit(port, definitions, edits, insert=False)
     for element in (copy, *copy.traverseTree()):

@@ -166,6 +166,14 @@ def attributes_of(tag: str) -> dict[str, str]:
     return found
 
 
+def name_in(tag: str) -> str:
+    """The name that a start tag gives, as `attributes_of` has it; empty for none."""
+    for name, quoted in _ATTRIBUTE.findall(tag) if "name" in tag else ():
+        if name == "name":
+            return unescaped(quoted[1:-1])
+    return ""
+
+
 def attribute_spans(tag: str) -> Iterator[tuple[str, int, int]]:
     """The attributes of a start tag in order: name, and where the value with its quotes is."""
     for found in _ATTRIBUTE.finditer(tag):

@@ -168,22 +168,24 @@ def check_image_light(tree: Tree) -> None:
 
 def _flatten(document: mx.Document) -> bool:
     """Replace surfaces and closures by the graphs that implement them; whether there were any."""
-    kinds = ("BSDF", "EDF", "VDF", "surfaceshader")
-    replaced = []
 
     def is_closure(node: mx.Node) -> bool:
-        if node.getType() not in kinds:
-            return False
-        implementation = node.getImplementation("genglsl")
-        if isinstance(implementation, mx.NodeGraph):
-            replaced.append(node.getName())
-        values.convert_units(node)
-        return True
+        found = node.getType() in ("BSDF", "EDF", "VDF", "surfaceshader")
+        if found:
+            values.convert_units(node)
+        return found
 
-    for graph in [document, *document.getNodeGraphs()]:
-        if not graph.getAttribute("nodedef"):
+    # Not `getNodeGraphs`, which has those of the data library too.
+    graphs = [each for each in document.getChildren() if isinstance(each, mx.NodeGraph)]
+    replaced = False
+    for graph in [document, *graphs]:
+        if graph.getAttribute("nodedef"):
+            continue
+        closures = [each for each in graph.getChildren() if isinstance(each, mx.Node) and is_closure(each)]
+        if any(isinstance(each.getImplementation("genglsl"), mx.NodeGraph) for each in closures):
             graph.flattenSubgraphs("genglsl", is_closure)
-    return bool(replaced)
+            replaced = True
+    return replaced
 
 
 @dataclass
@@ -196,6 +198,15 @@ class _Reader:
     """The nodes between the surface and the one that is read."""
     read: int = 0
     """How many were read."""
+    declared: dict[str, mx.NodeDef] = field(default_factory=dict)
+    """Definitions by the paths of their nodes: MaterialX looks each up among all that there are."""
+
+    def definition(self, node: mx.Node) -> mx.NodeDef:
+        """The definition of a node, or None."""
+        path = node.getNamePath()
+        if path not in self.declared:
+            self.declared[path] = node.getNodeDef()
+        return self.declared[path]
 
     def surface(self, element: mx.Element | None) -> mx.Node:
         """The `surface` node of a material, a shader or an output."""
@@ -257,9 +268,8 @@ class _Reader:
             raise UnknownClosure(f"{path} is a {category}, which the evaluator does not know")
         return self._lobe(node, category, path)
 
-    @staticmethod
-    def _has_weight(node: mx.Node) -> bool:
-        declared = node.getNodeDef()
+    def _has_weight(self, node: mx.Node) -> bool:
+        declared = self.definition(node)
         return declared is not None and declared.getActiveInput("weight") is not None
 
     def _part(self, node: mx.Node, name: str) -> Tree:
@@ -268,7 +278,8 @@ class _Reader:
 
     def _lobe(self, node: mx.Node, category: str, path: str) -> Lobe:
         inputs = {
-            each.getName(): self.port(node, each.getName()) for each in node.getNodeDef().getActiveInputs()
+            each.getName(): self.port(node, each.getName())
+            for each in self.definition(node).getActiveInputs()
         }
         for name, value in inputs.items():
             if isinstance(value, Driven) and not value.channels:
@@ -303,7 +314,7 @@ class _Reader:
 
         folded_in: how many nodes' values hang on it.
         """
-        declared = node.getNodeDef().getActiveInput(name)
+        declared = self.definition(node).getActiveInput(name)
         given = node.getInput(name)
         port = None if given is None else _outermost(given)
         if port is not None and (port.hasAttribute("nodename") or port.hasAttribute("nodegraph")):

@@ -59,6 +59,9 @@ IMAGE_SUFFIXES = (
 """Endings of the images that MaterialX's loaders know."""
 
 
+_WHOLE = Framing()
+
+
 @dataclass(frozen=True)
 class MaterialCase:
     """One image of a user's material. File names are relative to `root`."""
@@ -74,7 +77,7 @@ class MaterialCase:
     inputs: Mapping[str, Value] = field(default_factory=dict)
     """Values in place of the document's, by the path of an input (`node/input`, `graph/node/input`)."""
     mesh: str = "sphere"
-    camera: Camera | Framing = field(default_factory=Framing)
+    camera: Camera | Framing = _WHOLE
     lights: tuple[Light, ...] = ()
     environment: EnvironmentMap | None = None
     size: tuple[int, int] = (256, 256)

@@ -61,6 +61,8 @@ MOST_CASES = 100_000
 """A matrix that makes more is taken for a slip."""
 LONGEST_NAME = 180
 """Letters of a case's name: it becomes a folder's."""
+_KEPT = 16
+"""Documents that are kept: a material's cases are made one after the other."""
 
 DEFAULT_LIGHTS: tuple[Light, ...] = (
     DirectionalLight(direction=(-0.08, -0.05, -1.0)),
@@ -210,11 +212,11 @@ class _Maker:
         """A file's name relative to the suite's folder; one that is named absolutely and lies elsewhere, as it is."""
         if not Path(name).is_absolute():
             return name
-        file, folder = os.path.normpath(name), str(self._folder)
-        for place, inside in ((file, folder), (os.path.realpath(file), os.path.realpath(folder))):
-            if Path(place).is_relative_to(inside):
-                return os.path.relpath(place, inside)
-        return file
+        file = os.path.normpath(name)
+        if Path(file).is_relative_to(self._folder):
+            return os.path.relpath(file, self._folder)
+        real, folder = os.path.realpath(file), os.path.realpath(self._folder)
+        return os.path.relpath(real, folder) if Path(real).is_relative_to(folder) else file
 
     def _relative(self, file: Path) -> str:
         """A file's name relative to the suite's folder, wherever it lies."""
@@ -237,8 +239,8 @@ class _Maker:
         wanted = chosen.get("element", table.element)
         paths = known if wanted is None else listed(wanted)
         for element in paths:
-            if not isinstance(element, str) or not (
-                wrong or elements.descendant(self._document(material), element)
+            if element not in known and not (
+                isinstance(element, str) and (wrong or elements.descendant(self._document(material), element))
             ):
                 raise Fault(
                     (*here, "element"), f"{material} has no {element}; {suggestion(str(element), known)}"
@@ -434,6 +436,7 @@ class _Maker:
             raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite: {why}")
         raise MrmError(f"unknown mesh {name}; {suggestion(name, [*BUILT_IN, *self._table.meshes])}")
 
+    @functools.cache  # noqa: B019
     def _camera(self, name: str) -> Camera | Framing:
         if name not in self._table.cameras and not re.search(r"[,:]", name):
             hint = f"{suggestion(name, self._table.cameras)} A camera is {CAMERA_SYNTAX}"
@@ -447,8 +450,12 @@ class _Maker:
                 if text != "camera" and ":" not in text:
                     hint = f"{suggestion(text, self._table.lights)} A light is {LIGHT_SYNTAX}"
                     raise MrmError(f"unknown light {text}; {hint}")
-                lights.append(parse_light(text))
+                lights.append(self._light(text))
         return tuple(lights)
+
+    @functools.cache  # noqa: B019
+    def _light(self, text: str) -> Light:
+        return parse_light(text)
 
     def _environment(self, name: str) -> EnvironmentMap:
         table = self._table.environments.get(name) or EnvironmentTable(map=name)
@@ -508,10 +515,6 @@ class _Maker:
         return ("baseline", unknown) if unknown else ("physics", "the evaluator knows all of its lobes")
 
     @functools.cache  # noqa: B019  as long as the maker lives
-    def _document(self, material: str) -> mx.Document:
-        return self._read(material)
-
-    @functools.cache  # noqa: B019
     def _elements(self, material: str) -> tuple[list[str], str]:
         """The paths of a document's materials, and what is wrong with it: then there is one path, and it is empty."""
         try:
@@ -552,31 +555,34 @@ class _Maker:
         if self._wrong(material, element):
             return ()
         file = self._folder / material
-        document = with_values(self._read(material), {path: value}, material)
+        document = self._with_values(material, {path: value})
         if not isinstance(value, str):
             return ()
         found = external.check_files(document, file, self._allow_external)
         return tuple(map(self._relative, found))
 
-    @functools.cache  # noqa: B019
+    @functools.lru_cache(maxsize=_KEPT)  # noqa: B019
     def _as_read(self, material: str) -> tuple[mx.Document, list[Path]]:
-        """A document, and the files that its shaders are made of."""
+        """A document, to be read only, and the files that its shaders are made of."""
         return documents.read_with_files(self._folder / material, allow_external=self._allow_external)
 
-    def _read(self, material: str) -> mx.Document:
-        """A document to be changed at will: reading it each time would be most of the time that a suite takes."""
-        read, _ = self._as_read(material)
+    def _document(self, material: str) -> mx.Document:
+        return self._as_read(material)[0]
+
+    def _with_values(self, material: str, values: Mapping[str, Value]) -> mx.Document:
+        """A document with values of inputs, copied: reading it each time would be most of the time that a suite takes."""
         document = mx.createDocument()
-        document.copyContentFrom(read)
+        document.copyContentFrom(self._document(material))
         document.setDataLibrary(shared_library())
-        return document
+        return with_values(document, values, material)
 
     @functools.cache  # noqa: B019
     def _unknown_alike(
         self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
     ) -> str:
         try:
-            closure = closure_of(with_values(self._read(material), dict(inputs), material), element)
+            document = self._with_values(material, dict(inputs)) if inputs else self._document(material)
+            closure = closure_of(document, element)
             if surrounded:
                 check_image_light(closure.tree)
         except UnknownClosure as error:
@@ -620,7 +626,9 @@ def materials_of(document: mx.Document, where: str) -> list[str]:
     Raises:
         MrmError: there is none.
     """
-    found = [each.getNamePath() for each in document.getMaterialNodes()]
+    # Not `getMaterialNodes`, which looks through the data library too.
+    own = [each for each in document.getChildren() if isinstance(each, mx.Node)]
+    found = [each.getNamePath() for each in own if each.getType() == "material"]
     if not found:
         found = [elements.find_renderable(document, where, None).getNamePath()]
     return found

@@ -66,7 +66,9 @@ def _drop_empty(document: mx.Document) -> None:
     of_nodes = [
         each
         for each in document.traverseTree()
-        if isinstance(each, mx.Input) and each.getType() in _OF_NODES and isinstance(each.getParent(), mx.Node)
+        if isinstance(each, mx.Input)
+        and each.getType() in _OF_NODES
+        and isinstance(each.getParent(), mx.Node)
     ]
     for port in of_nodes:
         if not any(port.getAttribute(name) for name in ("value", *connections)):

@@ -29,7 +29,9 @@ def suite(tmp_path):
         for number in range(count):
             (tmp_path / f"{number}.mtlx").write_text(surface(SURFACES[number % 3]))
         lines = ['[[case]]\nmaterial = "*.mtlx"\n[case.matrix]\nmesh = ["sphere", "plane"]\n'] * 2
-        lines[1] = lines[1].replace("[case.matrix]", 'name = "{material}-{mesh}-small"\nsize = 8\n[case.matrix]')
+        lines[1] = lines[1].replace(
+            "[case.matrix]", 'name = "{material}-{mesh}-small"\nsize = 8\n[case.matrix]'
+        )
         (tmp_path / "suite.toml").write_text("".join(lines))
         return tmp_path / "suite.toml"
 

@@ -570,7 +570,7 @@ class _Maker:
         return self._as_read(material)[0]
 
     def _with_values(self, material: str, values: Mapping[str, Value]) -> mx.Document:
-        """A document with values of inputs, copied: reading it each time would be most of the time that a suite takes."""
+        """A copy of a document with values of inputs: reading it anew would be most of the time that a suite takes."""
         document = mx.createDocument()
         document.copyContentFrom(self._document(material))
         document.setDataLibrary(shared_library())

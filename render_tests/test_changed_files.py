@@ -69,6 +69,8 @@ def test_both_spellings_fail_once_the_file_changed_and_pass_once_it_is_as_before
             report = run_suite(
                 suites.suite(str(folder)), tmp_path / "far", working_backend, cluster=Cluster(pool)
             )
-        assert {case["verdict"] for case in report["cases"]} == {"fail"}, report["cases"]
+        assert {case["verdict"] for case in report["cases"]} == {"fail"}, json.dumps(
+            report["cases"], indent=1
+        )
         file.write_bytes(before)
         assert verdicts(folder, working_backend) == {"pass"}

@@ -162,13 +162,46 @@ class Started:
     """In place of a worker process: its outcome says which process started it."""
 
     def __init__(self, backend, variables, evaluates):
-        self.driver, self.starter = "some OpenGL", os.getpid()
+        self.driver, self.starter, self.alive = "some OpenGL", os.getpid(), True
+        self.surroundings = dict(os.environ)
+
+    def is_alive(self):
+        return self.alive
+
+    def stop(self):
+        self.alive = False
 
     def give(self, task, folder, time_limit):
         self.task = task
 
     def wait_for_answer(self):
         return outcome_of(self.task, "egl", "pass", message=str(self.starter)), [], True
+
+
+@pytest.mark.parametrize("change", ["it ended", "a variable"])
+def test_a_process_that_waited_is_used_again_unless_it_ended_or_the_environment_is_another(
+    change, monkeypatch, tmp_path
+):
+    idle = {}
+    monkeypatch.setattr(cluster, "WorkerProcess", Started)
+    monkeypatch.setattr(cluster, "_idle", idle)
+    case = default_suite()[0]
+
+    def used():
+        order = cluster.Order(case, "egl", {}, digest_of(conditions("some OpenGL")), 60.0)
+        outcome, _ = cluster._judge(order, case, tmp_path)
+        assert outcome.verdict == "pass", outcome
+        (process,) = idle[os.getpid(), "egl"]
+        return process
+
+    first = used()
+    assert used() is first
+    if change == "it ended":
+        first.alive = False
+    else:
+        monkeypatch.setenv("MATERIALX_SEARCH_PATH", "elsewhere")
+    assert used() is not first
+    assert not first.alive
 
 
 def test_a_fork_has_worker_processes_of_its_own(monkeypatch, tmp_path):

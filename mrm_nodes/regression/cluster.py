@@ -256,10 +256,7 @@ def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
     idle = _idle.setdefault((os.getpid(), order.backend), deque())
     lost = Lost("")
     for _ in range(2):
-        try:
-            process = idle.pop()
-        except IndexError:
-            process = WorkerProcess(order.backend, _ONE_THREAD, needs_evaluator(task))
+        process = _waiting(idle) or WorkerProcess(order.backend, _ONE_THREAD, needs_evaluator(task))
         try:
             if not process.driver:
                 process.driver = process.wait_for_answer()
@@ -281,6 +278,21 @@ def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
         for left in folder.iterdir():
             shutil.rmtree(left) if left.is_dir() else left.unlink()
     return outcome_of(task, order.backend, "error", message=f"{lost}, twice", fault=lost.fault), []
+
+
+def _waiting(idle: deque[WorkerProcess]) -> WorkerProcess | None:
+    """A process that waits, if there is one that still lives and has the environment of this moment; others end.
+
+    What ended while it waited cost no task, and what was started for another run knows that one's variables.
+    """
+    while True:
+        try:
+            process = idle.pop()
+        except IndexError:
+            return None
+        if process.is_alive() and process.surroundings == dict(os.environ):
+            return process
+        process.stop()
 
 
 def _without(root: str, value: Any) -> Any:

@@ -211,6 +211,8 @@ class WorkerProcess:
         self.folder = Path()
         self.driver = ""
         """Name of its OpenGL, which is what it says when it is ready."""
+        self.surroundings = dict(os.environ)
+        """The environment variables of the moment in which it was started."""
         self.connection, far = multiprocessing.connection.Pipe()
         # The child must find this package, and whatever a task is made of, wherever this process found it.
         path = os.pathsep.join(path for path in sys.path if path)

@@ -7,6 +7,7 @@ import errno
 import fcntl
 import os
 import shutil
+import stat
 import tempfile
 import time
 import uuid
@@ -88,6 +89,57 @@ def sync_folder(folder: Path) -> None:
             raise
     finally:
         os.close(file)
+
+
+LARGEST = 1 << 30
+"""Bytes of a file of ours: one that claims more is somebody's trap."""
+
+
+def open_ordinary(path: str | Path, flags: int = os.O_RDONLY) -> int:
+    """Open a file as `os.open` does, but nothing that one could wait for or read without an end.
+
+    Raises:
+        OSError: it cannot be opened, or is a pipe, a device, a folder or the like.
+    """
+    handle = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o666)
+    if not stat.S_ISREG(os.fstat(handle).st_mode):
+        os.close(handle)
+        raise OSError(errno.EINVAL, "no ordinary file", os.fspath(path))
+    return handle
+
+
+def read_bytes(path: str | Path, flags: int = 0) -> bytes:
+    """The contents of an ordinary file.
+
+    Raises:
+        OSError: it cannot be read, is none, or is larger than `LARGEST`.
+    """
+    with os.fdopen(open_ordinary(path, os.O_RDONLY | flags), "rb") as file:
+        if os.fstat(file.fileno()).st_size > LARGEST:
+            raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), os.fspath(path))
+        return file.read()
+
+
+def place_in(folder: Path, name: str) -> Path:
+    """Where a file or folder of a relative name goes in a folder, whose own folders are made.
+
+    A link that lies on the way is removed: it leads elsewhere.
+
+    Raises:
+        OSError: a folder cannot be made.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    *above, last = name.split("/")
+    for each in above:
+        folder /= each
+        if folder.is_symlink():
+            folder.unlink()
+        if not folder.is_dir():
+            folder.mkdir()
+    place = folder / last
+    if place.is_symlink():
+        place.unlink()
+    return place
 
 
 def lock(file: int, patience: float = 0.0) -> bool:

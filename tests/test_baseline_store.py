@@ -188,3 +188,28 @@ def test_a_power_cut_leaves_the_old_image_or_the_new_one(tmp_path: Path, monkeyp
         assert (there.read("a") == 2.0).all() and there.provenance("a")["inputs"] == "z"
         assert json.loads((there.folder / LOG).read_text().splitlines()[-1])["why"] == "after"
     assert seen == {1.0, 2.0} and len(states) > 8
+
+
+def test_a_log_that_is_a_link_or_a_pipe_is_refused_before_anything_is_changed(tmp_path: Path):
+    store = Store(tmp_path / "baselines")
+    store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+    (tmp_path / "mine").write_text("kept")
+    for trap in (lambda path: path.symlink_to(tmp_path / "mine"), os.mkfifo):
+        (store.folder / LOG).unlink()
+        trap(store.folder / LOG)
+        with pytest.raises(MrmError, match="baselines: cannot be written"):
+            store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+        assert (store.read("a") == 1.0).all()
+    assert (tmp_path / "mine").read_text() == "kept"
+
+
+@pytest.mark.parametrize("name", ["a.exr", "a.json"])
+def test_a_pipe_in_place_of_a_baseline_is_not_waited_for(tmp_path: Path, name: str):
+    store = Store(tmp_path / "baselines")
+    store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
+    (store.folder / name).unlink()
+    os.mkfifo(store.folder / name)
+    with pytest.raises(MrmError):
+        store.read("a")
+    store.accept("a", image(tmp_path, 2.0), {"inputs": "y"}, None)
+    assert (store.read("a") == 2.0).all()

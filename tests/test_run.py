@@ -2,6 +2,8 @@
 
 import errno
 import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -501,3 +503,72 @@ def test_pictures_of_a_gallery_are_drawn_into_the_folder_and_named_in_the_report
     report = run_suite(suite, folder, gallery=gallery)
     assert report["environment"]["gallery"] == [{"title": "cones", "caption": "by day", "image": "cones.png"}]
     assert (folder / "cones.png").exists()
+
+
+def test_a_link_in_a_report_s_folder_leads_no_file_elsewhere(judges, suite, folder, tmp_path):
+    """Somebody who can write there could otherwise have a run's user write where only that user can."""
+    victim = tmp_path / "victim"
+    (victim / "a").mkdir(parents=True)
+    (victim / "a" / "copy").write_text("kept")
+    for link, target in (
+        ("cases", victim),
+        ("cases/a", victim / "a"),
+        ("cases/a/copy", victim / "a" / "copy"),
+    ):
+        for cache in (None, Cache(tmp_path / "cache")):
+            shutil.rmtree(folder, ignore_errors=True)
+            (folder / link).parent.mkdir(parents=True)
+            (folder / link).symlink_to(target)
+            assert run_suite(suite, folder, cache=cache)["summary"]["passed"] == 5
+            assert (folder / "cases" / "a" / "copy").read_text() == "contents of a"
+            assert not (folder / link).is_symlink()
+        merged = tmp_path / "merged"
+        shutil.rmtree(merged, ignore_errors=True)
+        (merged / link).parent.mkdir(parents=True)
+        (merged / link).symlink_to(target)
+        merge([folder], merged)
+        assert not (merged / link).is_symlink()
+        assert {each.name for each in victim.rglob("*")} == {"a", "copy"}
+        assert (victim / "a" / "copy").read_text() == "kept"
+
+
+def test_a_lock_that_is_a_link_is_refused_and_what_it_leads_to_is_kept(judges, suite, folder, tmp_path):
+    (tmp_path / "mine").write_text("kept")
+    folder.mkdir()
+    (folder / ".lock").symlink_to(tmp_path / "mine")
+    with pytest.raises(
+        MrmError, match=r"\.lock: cannot be written: it is a link; choose another folder with -o"
+    ):
+        run_suite(suite, folder)
+    assert (tmp_path / "mine").read_text() == "kept"
+
+
+def pipe(path):
+    os.mkfifo(path)
+
+
+def endless(path):
+    path.symlink_to("/dev/zero")
+
+
+def sparse(path):
+    path.touch()
+    os.truncate(path, 8 << 30)
+
+
+@pytest.mark.parametrize("trap", [pipe, endless, sparse])
+def test_what_lies_in_place_of_a_report_s_files_is_neither_waited_for_nor_read_without_an_end(
+    judges, suite, folder, tmp_path, trap
+):
+    for name in ("journal", "report.json", "index.html", "cases/b/copy"):
+        run_suite(suite, folder)
+        (folder / name).unlink()
+        trap(folder / name)
+        if name != "index.html":
+            with warnings.catch_warnings(), pytest.raises(MrmError):
+                warnings.simplefilter("ignore", MrmWarning)
+                merge([folder], tmp_path / "merged")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", MrmWarning)
+            assert run_suite(suite, folder, resume=True)["summary"]["passed"] == 5
+        assert (folder / "cases" / "b" / "copy").read_text() == "contents of b"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import re
 import shutil
@@ -569,3 +570,17 @@ def test_list_shows_the_truth_of_each_case_and_why(folder: Path, capsys: pytest.
 
 def test_the_finished_materials_are_all_decided_by_physics():
     assert {case.truth for case in load(materials_path()).cases} == {"physics"}
+
+
+def test_a_suite_that_is_a_pipe_a_device_or_endless_is_refused_at_once(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "device.toml").symlink_to("/dev/zero")
+    (tmp_path / "sparse.toml").touch()
+    os.truncate(tmp_path / "sparse.toml", 8 << 30)
+    for name, told in (
+        ("pipe", "no ordinary file"),
+        ("device", "no ordinary file"),
+        ("sparse", "larger than"),
+    ):
+        with pytest.raises(MrmError, match=f"{name}.toml: .*{told}"):
+            load(tmp_path / f"{name}.toml")

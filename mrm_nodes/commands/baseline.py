@@ -14,6 +14,7 @@ import click
 from mrm_nodes import jsontext
 from mrm_nodes.commands.options import external_option
 from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.files import read_bytes
 
 if TYPE_CHECKING:
     from mrm_nodes.regression.material_case import MaterialCase
@@ -258,7 +259,7 @@ class _Run:
         self._folder, self._backend = folder, backend
         path = folder / "report.json"
         try:
-            report = jsontext.loads(path.read_text(encoding="utf-8"))
+            report = jsontext.loads(read_bytes(path))
             records = [dict(record) for record in report["cases"] if record["kind"] == "material"]
             self.environment = dict(report["environment"])
             _check_form(self.environment, {"backends": dict})

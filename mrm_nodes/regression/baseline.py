@@ -24,7 +24,15 @@ from numpy.typing import NDArray
 
 from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError
-from mrm_nodes.files import clear, lock, replace_durably, sync_folder, write_durably
+from mrm_nodes.files import (
+    clear,
+    lock,
+    open_ordinary,
+    read_bytes,
+    replace_durably,
+    sync_folder,
+    write_durably,
+)
 from mrm_nodes.regression.inputs import by_name, home_of
 from mrm_nodes.render.images import read_image
 
@@ -83,7 +91,7 @@ def digest_of(image: Path) -> str:
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return read_bytes(path)
     except OSError as error:
         raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
 
@@ -265,7 +273,8 @@ class Store:
             if not self.folder.is_dir():
                 self.folder.mkdir(parents=True, exist_ok=True)
                 sync_folder(self.folder.parent)
-            log = os.open(self.folder / LOG, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o666)
+            # A link would have a line written into somebody else's file.
+            log = open_ordinary(self.folder / LOG, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_NOFOLLOW)
             try:
                 if not lock(log, PATIENCE):
                     raise MrmError(
@@ -298,7 +307,7 @@ class Store:
         path = self.folder / LOG
         if not path.is_file():
             return
-        for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        for line in _bytes(path).decode("utf-8", errors="replace").splitlines():
             try:
                 entry = jsontext.loads(line)
             except ValueError:

@@ -12,7 +12,6 @@ import hashlib
 import hmac
 import os
 import shutil
-import stat
 import time
 import uuid
 import warnings
@@ -23,6 +22,7 @@ from typing import Any
 
 from mrm_nodes import cachefolder
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.files import place_in, read_bytes
 from mrm_nodes.regression.journal import Entry, Sums, entry_for, entry_of, line_of, line_with_sum, parsed
 from mrm_nodes.regression.outcome import Outcome, Task, plain
 
@@ -109,7 +109,7 @@ class Cache:
                 raise _Missing
             digests = header["digests"] if self._secret else [None] * len(entry.sums)
             for number, (name, sum_) in enumerate(entry.sums.items()):
-                self._give(place / str(number), folder / name, sum_, digests[number])
+                self._give(place / str(number), folder, name, sum_, digests[number])
         except (_Missing, KeyError, IndexError, TypeError):
             if (place / _OUTCOME).exists():  # else it was evicted meanwhile
                 warnings.warn(
@@ -198,14 +198,14 @@ class Cache:
             shutil.copyfile(source, target)
         return hashlib.sha256(contents).hexdigest() if self._secret else ""
 
-    def _give(self, source: Path, target: Path, sum_: Sequence[int], digest: str | None) -> None:
+    def _give(self, source: Path, folder: Path, name: str, sum_: Sequence[int], digest: str | None) -> None:
         """Put an entry's file in a report, in place of whatever is there, as it was put in."""
         contents = _read(source)
         if [len(contents), zlib.crc32(contents)] != sum_:
             raise _Missing
         if digest is not None and hashlib.sha256(contents).hexdigest() != digest:
             raise _Missing
-        target.parent.mkdir(parents=True, exist_ok=True)
+        target = place_in(folder, name)
         # Not into what is there, which may be a link, or another case's file.
         target.unlink(missing_ok=True)
         if not (self._link and _linked(source, target)):
@@ -234,11 +234,7 @@ def _read(file: Path) -> bytes:
         _Missing: there is none, or it cannot be read.
     """
     try:
-        handle = os.open(file, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
-        with os.fdopen(handle, "rb") as opened:
-            if not stat.S_ISREG(os.fstat(handle).st_mode):
-                raise _Missing
-            return opened.read()
+        return read_bytes(file, os.O_NOFOLLOW)
     except OSError:
         raise _Missing from None
 

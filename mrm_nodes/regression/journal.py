@@ -20,7 +20,7 @@ from typing import Any, Self
 
 from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.files import clear, lock, write_text
+from mrm_nodes.files import clear, lock, open_ordinary, read_bytes, write_text
 from mrm_nodes.regression.outcome import Outcome, as_record, from_record
 
 NAME = "journal"
@@ -63,7 +63,7 @@ def checksum(path: str | Path) -> list[int]:
     """
     piece = memoryview(bytearray(_PIECE))
     size = sum_ = 0
-    with open(path, "rb", buffering=0) as file:  # noqa: PTH123  a third of the time
+    with os.fdopen(open_ordinary(path), "rb", buffering=0) as file:
         while count := file.readinto(piece):
             sum_ = zlib.crc32(piece[:count], sum_)
             size += count
@@ -117,9 +117,11 @@ def read(folder: Path) -> Past | None:
     """
     path = folder / NAME
     try:
-        lines = path.read_bytes().split(b"\n")
-    except OSError:
+        lines = read_bytes(path).split(b"\n")
+    except FileNotFoundError:
         return None
+    except OSError:
+        lines = [b""]
     header = parsed(lines[0])
     if header is None or header.get("format") != FORMAT or not _is_header(header):
         warnings.warn(f"{path}: cannot be read; every case is run again", MrmWarning, stacklevel=2)
@@ -192,6 +194,10 @@ def parsed(line: bytes) -> dict[str, Any] | None:
     return record if isinstance(record, dict) else None
 
 
+def _why(error: OSError) -> str:
+    return "it is a link" if error.errno == errno.ELOOP else str(error.strerror)
+
+
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
     """Keep other runs out of a folder for as long as the block lasts, or this process lives.
@@ -200,9 +206,12 @@ def locked(folder: Path) -> Iterator[None]:
         MrmError: another run is there.
     """
     try:
-        file = os.open(folder / _LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        # A link would have somebody else's file emptied.
+        file = open_ordinary(folder / _LOCK, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW)
     except OSError as error:
-        raise MrmError(f"{folder}: cannot be written: {error.strerror}; choose another with -o") from None
+        raise MrmError(
+            f"{folder / _LOCK}: cannot be written: {_why(error)}; choose another folder with -o"
+        ) from None
     try:
         try:
             free = lock(file)

@@ -29,7 +29,7 @@ from jinja2 import TemplateError
 from mrm_nodes import jsontext
 from mrm_nodes.cachefolder import choose_numbas
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.files import prepare_folder
+from mrm_nodes.files import place_in, prepare_folder, read_bytes
 from mrm_nodes.regression import journal
 from mrm_nodes.regression.cache import Cache
 from mrm_nodes.regression.cluster import Cluster, run_on
@@ -404,8 +404,9 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[st
                         raise MrmError(
                             f"{part}: {name} leads outside of the shard's folder; run the shard again"
                         )
-                    (folder / name).parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copyfile(part / name, folder / name)
+                    target = place_in(folder, name)
+                    target.unlink(missing_ok=True)
+                    shutil.copyfile(part / name, target)
                 records[_name(entry.record)] = entry.record
             undone = {*past.header["keys"]} - {_name(entry.record) for entry in past.entries}
             if undone:
@@ -430,7 +431,7 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[st
 def _seconds_of(report: Path) -> float:
     """What a run took, by its report.json."""
     try:
-        return float(jsontext.loads(report.read_text())["summary"]["seconds"])
+        return float(jsontext.loads(read_bytes(report))["summary"]["seconds"])
     except (OSError, ValueError, KeyError, TypeError):
         raise MrmError(f"{report}: cannot be read; write it anew with --resume") from None
 
@@ -475,13 +476,12 @@ def _publish(source: Path, folder: Path) -> journal.Sums:
         if names:
             below = Path(place).relative_to(source)
             sums |= {(below / name).as_posix(): journal.checksum(f"{place}/{name}") for name in sorted(names)}
-            _move(Path(place), folder / below)
+            _move(Path(place), place_in(folder, below.as_posix()))
     return sums
 
 
 def _move(source: Path, target: Path) -> None:
     """Put a folder in a place where there may be one already, whose files of the same names it replaces."""
-    target.parent.mkdir(parents=True, exist_ok=True)
     try:
         source.rename(target)
     except OSError as error:

@@ -12,6 +12,7 @@ import pydantic
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from mrm_nodes.errors import MrmError, suggestion
+from mrm_nodes.files import read_bytes
 
 LARGEST_FILE = 16 << 20
 """Bytes of a suite."""
@@ -166,7 +167,7 @@ def _text(path: Path) -> str:
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise MrmError(f"{path}: larger than {LARGEST_FILE >> 20} MiB, which is no suite")
-        return path.read_text(encoding="utf-8")
+        return read_bytes(path).decode("utf-8")
     except OSError as error:
         raise MrmError(f"{path}: cannot be read: {error.strerror}") from None
     except UnicodeDecodeError as error:

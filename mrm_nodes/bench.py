@@ -169,6 +169,7 @@ def _frame_times(
             # The first frames compile.
             if number >= 2:
                 times[subject].append(1e3 * taken)
+    ctx.screen.use()  # moderngl binds again and again what is bound, although it may be gone
     for item in made:
         item.release()
     return {subject: statistics.median(values) for subject, values in times.items()}

@@ -9,6 +9,7 @@ import MaterialX as mx
 import numpy as np
 import pytest
 
+from mrm_nodes.bench import bench_shaders
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import (
     BACKENDS,
@@ -254,6 +255,29 @@ def test_the_check_before_each_draw_sees_state_that_is_left_on(backend, tmp_path
     monkeypatch.setattr(GLContext, "bind", bind_and_blend)
     with pytest.raises(AssertionError, match=r"GL_BLEND is \(1,\), not \(0,\)"):
         renderer.render(shader, plane(), size=(8, 8))
+
+
+def test_the_check_before_each_draw_sees_that_a_call_before_it_failed(backend, tmp_path):
+    """What moderngl does where the bound framebuffer was released: it binds it again."""
+    shader, renderer = textured(picture(tmp_path / "a.png")), Renderer(backend)
+    gl = renderer._gl
+
+    def spoil():
+        target = gl.ctx.framebuffer([gl.ctx.texture((4, 4), 4, dtype="f4")])
+        target.use()
+        target.release()
+
+    gl.run(spoil)
+    with pytest.raises(AssertionError, match="an earlier call to OpenGL failed"):
+        renderer.render(shader, plane(), size=(8, 8))
+    renderer.render(shader, plane(), size=(8, 8))
+
+
+def test_the_bench_leaves_nothing_in_the_context(backend, tmp_path):
+    rows = bench_shaders(backend, 8, 1, ["conductor_bsdf"], ["direct"], interfaces=["reduced"], films=[False])
+    assert list(rows)
+    renderer = Renderer(backend)
+    renderer.render(textured(picture(tmp_path / "a.png")), plane(), size=(8, 8))
 
 
 def test_more_images_than_the_driver_reads_are_refused(backend, tmp_path):

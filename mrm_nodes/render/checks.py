@@ -6,13 +6,11 @@ It asks the driver and not our own records. The tests switch it on; it costs som
 from __future__ import annotations
 
 import ctypes
-import warnings
 from collections.abc import Mapping
 from typing import Any
 
 import moderngl
 
-from mrm_nodes.errors import MrmWarning
 from mrm_nodes.render.context import GLContext
 
 #: Where it is set and not empty, every draw is checked: in this process and in those that it starts.
@@ -56,12 +54,10 @@ def check_draw(
         unusual: what of the state this draw wants otherwise than every other, by its name in OpenGL.
 
     Raises:
-        AssertionError: something else is bound or switched on.
+        AssertionError: something else is bound or switched on, or OpenGL refused a call since the draw before.
     """
-
-    if (error := gl.ctx.error) != "GL_NO_ERROR":
-        # It is not this draw's fault, and OpenGL does not say whose.
-        warnings.warn(f"before a draw: an earlier call to OpenGL failed ({error})", MrmWarning, stacklevel=2)
+    error = gl.ctx.error
+    assert error == "GL_NO_ERROR", f"before a draw: an earlier call to OpenGL failed ({error})"
 
     def state(pname: int, count: int = 1) -> tuple[int, ...]:
         values = (ctypes.c_int * 16)()

@@ -274,7 +274,9 @@ def test_the_check_before_each_draw_sees_that_a_call_before_it_failed(backend, t
 
 
 def test_the_bench_leaves_nothing_in_the_context(backend, tmp_path):
-    rows = bench_shaders(backend, 8, 1, ["conductor_bsdf"], ["direct"], interfaces=["reduced"], films=[False])
+    rows = bench_shaders(
+        backend, 8, 1, ["mrm_conductor_bsdf"], ["direct"], interfaces=["reduced"], films=[False]
+    )
     assert list(rows)
     renderer = Renderer(backend)
     renderer.render(textured(picture(tmp_path / "a.png")), plane(), size=(8, 8))

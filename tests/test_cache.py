@@ -6,6 +6,7 @@ import random
 import shutil
 import warnings
 import zlib
+from pathlib import Path
 
 import pytest
 
@@ -203,12 +204,37 @@ def test_a_link_in_a_report_is_replaced_and_not_written_through(cache, tmp_path)
     assert (tmp_path / "mine").read_text() == "kept"
 
 
+def test_a_case_costs_one_look_at_its_folder(cache, report, tmp_path, monkeypatch):
+    """Ten thousand cases from a cache are mostly calls of the system: counted here."""
+    key = digest(b"seven files")
+    sums = {f"cases/egl/c/{number}": SUM for number in range(7)}
+    (report / "cases/egl/c").mkdir(parents=True)
+    for name in sums:
+        (report / name).write_bytes(CONTENTS)
+    cache.put(key, outcome(), report, sums)
+    (tmp_path / "other" / "cases" / "egl").mkdir(parents=True)
+    calls = []
+    for name in ("open", "mkdir", "unlink", "stat", "lstat"):
+        function = getattr(os, name)
+
+        def call(*arguments, name=name, function=function, **others):
+            calls.append(name)
+            return function(*arguments, **others)
+
+        monkeypatch.setattr(os, name, call)
+    assert cache.get(key, tmp_path / "other") is not None
+    counts = {name: calls.count(name) for name in ("open", "unlink", "mkdir")}
+    # Each file is read, removed where it is there, and written; the folder above it is looked at once.
+    assert counts == {"open": 1 + 7 + 7, "unlink": 7, "mkdir": 2}
+    assert calls.count("stat") + calls.count("lstat") < 14
+
+
 @pytest.mark.parametrize("at", ["before the outcome is read", "before a file is read"])
 def test_an_entry_that_is_evicted_while_it_is_read_is_a_miss(cache, tmp_path, monkeypatch, at):
     read, place = cache_module._read, entry_line(tmp_path).parent
 
     def evict(file):
-        if (file.name == "outcome") == (at == "before the outcome is read"):
+        if (Path(file).name == "outcome") == (at == "before the outcome is read"):
             shutil.rmtree(place, ignore_errors=True)
         return read(file)
 

@@ -36,7 +36,6 @@ SECRET_VARIABLE = "MRM_CACHE_SECRET"
 """Signs entries, and has only those used that it signed: for a cache that others can write to."""
 
 _OUTCOME = "outcome"
-_PIECE = 1 << 16
 _UNFINISHED = 86_400.0
 """Seconds after which nobody still writes an entry."""
 
@@ -108,8 +107,9 @@ class Cache:
             ):
                 raise _Missing
             digests = header["digests"] if self._secret else [None] * len(entry.sums)
+            parents: dict[str, str] = {}
             for number, (name, sum_) in enumerate(entry.sums.items()):
-                self._give(place / str(number), folder, name, sum_, digests[number])
+                self._give(f"{place}/{number}", _place_for(folder, name, parents), sum_, digests[number])
         except (_Missing, KeyError, IndexError, TypeError):
             if (place / _OUTCOME).exists():  # else it was evicted meanwhile
                 warnings.warn(
@@ -132,7 +132,8 @@ class Cache:
             unfinished.mkdir()
             try:
                 digests = [
-                    self._keep(folder / name, unfinished / str(number)) for number, name in enumerate(sums)
+                    self._keep(f"{folder}/{name}", f"{unfinished}/{number}")
+                    for number, name in enumerate(sums)
                 ]
                 line = line_of(entry_for(outcome, sums))
                 header: dict[str, Any] = {"key": key, "name": outcome.name, "backend": outcome.backend}
@@ -191,25 +192,26 @@ class Cache:
         expected = self._signature(line_with_sum(header), line)
         return isinstance(signature, str) and hmac.compare_digest(signature.encode(), expected.encode())
 
-    def _keep(self, source: Path, target: Path) -> str:
+    def _keep(self, source: str, target: str) -> str:
         """Put a report's file into an entry, and return its digest, where there is a secret."""
-        contents = source.read_bytes() if self._secret else b""
-        if not (self._link and _linked(source, target)):
-            shutil.copyfile(source, target)
+        is_linked = self._link and _linked(source, target)
+        contents = b"" if is_linked and not self._secret else Path(source).read_bytes()
+        if not is_linked:
+            _write(target, contents)
         return hashlib.sha256(contents).hexdigest() if self._secret else ""
 
-    def _give(self, source: Path, folder: Path, name: str, sum_: Sequence[int], digest: str | None) -> None:
+    def _give(self, source: str, target: str, sum_: Sequence[int], digest: str | None) -> None:
         """Put an entry's file in a report, in place of whatever is there, as it was put in."""
         contents = _read(source)
         if [len(contents), zlib.crc32(contents)] != sum_:
             raise _Missing
         if digest is not None and hashlib.sha256(contents).hexdigest() != digest:
             raise _Missing
-        target = place_in(folder, name)
         # Not into what is there, which may be a link, or another case's file.
-        target.unlink(missing_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(target)  # noqa: PTH108
         if not (self._link and _linked(source, target)):
-            target.write_bytes(contents)
+            _write(target, contents)
 
 
 def _is_of(entry: Entry, task: Task | None, backend: str) -> bool:
@@ -227,7 +229,29 @@ def _is_of(entry: Entry, task: Task | None, backend: str) -> bool:
     return all(entry.record[name] == value for name, value in expected.items())
 
 
-def _read(file: Path) -> bytes:
+def _place_for(folder: Path, name: str, parents: dict[str, str]) -> str:
+    """Where a file of a case goes in a report.
+
+    parents: the folders of the case that are made, by their names: they are looked at once.
+    """
+    parent, _, last = name.rpartition("/")
+    if parent not in parents:
+        parents[parent] = str(place_in(folder, name).parent)
+    return f"{parents[parent]}/{last}"
+
+
+def _write(file: str, contents: bytes) -> None:
+    """Write a file that is not there."""
+    handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
+    try:
+        left = memoryview(contents)
+        while left:
+            left = left[os.write(handle, left) :]
+    finally:
+        os.close(handle)
+
+
+def _read(file: str | Path) -> bytes:
     """The contents of an ordinary file that is no link.
 
     Raises:
@@ -239,7 +263,7 @@ def _read(file: Path) -> bytes:
         raise _Missing from None
 
 
-def _linked(source: Path, target: Path) -> bool:
+def _linked(source: str | Path, target: str | Path) -> bool:
     """Make a hard link, where the file systems allow it."""
     try:
         os.link(source, target, follow_symlinks=False)

@@ -116,10 +116,12 @@ def conditions(driver: str) -> dict[str, str]:
     }
 
 
-def key(task: Task, backend: str, inputs: Inputs, around: str) -> str:
+def key(task: Task, backend: str, inputs: Inputs, around: str, setup: Mapping[str, Any] | None = None) -> str:
     """The digest of everything that the result of a task on a backend depends on.
 
-    around: the digest of the `conditions`.
+    Args:
+        around: the digest of the `conditions`.
+        setup: what `task.describe()` gives, where that is known.
     """
     return digest_of(
         {
@@ -127,7 +129,7 @@ def key(task: Task, backend: str, inputs: Inputs, around: str) -> str:
             "kind": task.kind,
             "node": task.node,
             "target": task.target,
-            "setup": task.describe(),
+            "setup": task.describe() if setup is None else setup,
             "files": by_name({path: inputs.digest(path) for path in task.files()}, home_of(task)),
             "backend": backend,
             "conditions": around,

@@ -200,12 +200,13 @@ class _Run:
         self._tasks = shard_of(tasks, shard)
         self._conditions = {name: conditions(driver) for name, driver in plan.drivers.items()}
         arounds = {name: digest_of(each) for name, each in self._conditions.items()}
+        setups = {task.name: task.describe() for task in tasks}
         self._keys = {
-            f"{name} {task.name}": key(task, name, self.inputs, around)
+            f"{name} {task.name}": key(task, name, self.inputs, around, setups[task.name])
             for name, around in arounds.items()
             for task in self._tasks
         }
-        self._suite = digest_of([[task.name, task.kind, task.describe()] for task in tasks])
+        self._suite = digest_of([[task.name, task.kind, setups[task.name]] for task in tasks])
         self._shard = shard
         self._records: dict[str, Mapping[str, Any]] = {}
         self._journal: journal.Journal | None = None

@@ -1,6 +1,7 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
-# make regress-full  more textured cases, each drawn first in a process of its own; MaterialX's own documents
+# make regress-full  more textured cases, each drawn first in a process of its own; MaterialX's own documents;
+#                the default suite with the cache and without
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
 # make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
 # make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
@@ -30,7 +31,8 @@ regress: setup
 # What `make regress` has drawn comes from the cache.
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
-	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_textured.py $(FULL_TESTS)
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 $(FULL_TESTS) render_tests/test_cache_agrees.py \
+		render_tests/test_textured.py
 
 test: setup
 	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(FULL_TESTS:%=--ignore=%)

@@ -99,6 +99,8 @@ class _Check:
         self._source_folders = filenames.folders_of(library.search_path())
         self._sources: set[Path] = set()
         self.found: dict[Path, None] = {}
+        self.absent: dict[str, str] = {}
+        """Names of source code that is not there, and where each stands."""
 
     def image(self, name: str, where: str) -> None:
         """Collect the files of an image's name."""
@@ -117,6 +119,8 @@ class _Check:
         while waiting:
             name, beside, where = waiting.pop()
             file = self._source_file(name, beside, where)
+            if file is None:
+                self.absent.setdefault(name, where)
             if file is None or file in self._sources:
                 continue
             self._sources.add(file)
@@ -167,6 +171,21 @@ def _included_by(file: Path) -> list[str]:
             raise MrmError(f"{file}: line {number}: a `$` in an included file's name; only {_TOKEN} is known")
         names += known
     return names
+
+
+def absent_source(document: mx.Document, path: Path) -> dict[str, str]:
+    """Names of source code that a document's implementations, or what they include, give and that is not there.
+
+    Returns:
+        by name, the file or the implementation in which it stands.
+
+    Raises:
+        MrmError: as `check_files`.
+    """
+    check = _Check(path, allow_external=True)
+    for implementation in _implementations(document):
+        check.source(implementation.getFile(), implementation)
+    return check.absent
 
 
 def _filenames(document: mx.Document) -> Iterator[mx.ValueElement]:

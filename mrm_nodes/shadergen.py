@@ -17,7 +17,7 @@ from typing import Any
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import filenames, library, mdl, units, values
+from mrm_nodes import external, filenames, library, mdl, units, values
 from mrm_nodes.documents import one_line, read_document
 from mrm_nodes.elements import check_document, find_renderable, used_by
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
@@ -228,7 +228,12 @@ def generate_shader(
                 options.shaderInterfaceType = mx_gen_shader.ShaderInterfaceType.SHADER_INTERFACE_COMPLETE
                 sampling = _sampling(generator.generate(name, renderable, context))
     except Exception as error:  # MaterialX's own exception types differ between versions
-        reason = _without_implementation(renderable, generator.getTarget()) or one_line(error)
+        said = one_line(error)
+        reason = _without_implementation(renderable, generator.getTarget()) or said
+        # MaterialX names a file that is not there, and not which one asks for it.
+        for absent, asking in external.absent_source(document, Path(where)).items():
+            if f"'{absent}'" in said or f'"{absent}"' in said:
+                reason = f"{asking} asks for {absent}, which is not there ({said})"
         raise MrmError(f"{where}: {target} shader of {renderable.getNamePath()}: {reason}") from None
     return Shader(
         name=name,

@@ -345,3 +345,13 @@ def test_source_that_includes_itself_is_read_once(leaking: Path):
     (leaking / "b.glsl").write_text('#include "a.glsl"\n')
     files = documents.files_of(document, documents.read_document(document))
     assert sorted(file.name for file in files) == ["a.glsl", "b.glsl", "m.mtlx", "own.glsl"]
+
+
+def test_source_that_is_not_there_is_named_with_what_asks_for_it(leaking: Path):
+    document = write_source(leaking, "own.glsl", "itself")
+    with pytest.raises(MrmError, match=r"m\.mtlx: \w+ asks for own\.glsl, which is not there"):
+        generate_shader(document)
+    (leaking / "own.glsl").write_text('#include "a.glsl"\nvoid noise(float i, out float o) { o = i; }\n')
+    (leaking / "a.glsl").write_text('#include "gone.glsl"\n')
+    with pytest.raises(MrmError, match=r"a\.glsl asks for gone\.glsl, which is not there"):
+        generate_shader(document)

@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.regression import report as report_module
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.compare import Figures
 from mrm_nodes.regression.outcome import as_record, from_record, outcome_of
 from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, write_pictures
-from mrm_nodes.regression.report import figure, share, write_report
+from mrm_nodes.regression.report import PIECE, figure, share, write_report
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends, read_image, render
 
@@ -165,6 +166,32 @@ def test_the_page_needs_no_network(report):
 def test_a_page_without_cases_is_a_page(tmp_path):
     write_report(tmp_path, ENVIRONMENT, [], 0.1)
     assert Page((tmp_path / "index.html").read_text()).open == []
+
+
+def test_the_records_beside_a_large_page_are_the_report_s_and_go_with_the_next(tmp_path, monkeypatch):
+    case = default_suite()[0]
+    many = [outcome_of(case, "egl", "error", message=f"</script> {n}") for n in range(2 * PIECE + 1)]
+    for number, each in enumerate(many):
+        each.name = f"case {number}"
+    monkeypatch.setattr(report_module, "MOST_INSIDE", PIECE)
+    written = write_report(tmp_path, ENVIRONMENT, many, 1.0)
+    pieces = tmp_path / "cases" / "records"
+    found = []
+    for number in range(3):
+        text = (pieces / f"{number}.js").read_text()
+        found += json.loads(text.removeprefix("mrmCase(").removesuffix(");\n"))
+    assert found == json.loads((tmp_path / "report.json").read_text())["cases"] == written["cases"]
+    page = (tmp_path / "index.html").read_text()
+    data = json.loads(
+        re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1]
+    )
+    assert [each["name"] for each in data["report"]["cases"]] == [each["name"] for each in found]
+    assert data["report"]["summary"] == written["summary"]
+    assert not any("setup" in each for each in data["report"]["cases"])
+    write_report(tmp_path, ENVIRONMENT, many[: PIECE + 1], 1.0)
+    assert sorted(each.name for each in pieces.iterdir()) == ["0.js", "1.js"]
+    write_report(tmp_path, ENVIRONMENT, many[:PIECE], 1.0)
+    assert not [*pieces.iterdir()]
 
 
 def test_a_folder_that_cannot_be_written_is_an_error(tmp_path):

@@ -16,7 +16,7 @@ from mrm_nodes.regression.cloud import DECADES, Cloud
 from mrm_nodes.regression.compare import VERDICTS
 from mrm_nodes.regression.outcome import Outcome, outcome_of
 from mrm_nodes.regression.pictures import write_pictures
-from mrm_nodes.regression.report import figure, share, write_report
+from mrm_nodes.regression.report import MOST_INSIDE, PIECE, figure, share, write_report
 from mrm_nodes.regression.tolerance import Tolerance, compare_images
 from mrm_nodes.render.images import read_image
 from mrm_nodes.render.webgl import INSTALL, find_browser
@@ -635,6 +635,65 @@ def test_two_thousand_cases_are_a_few_hundred_elements(tmp_path, opened):
     expect(page.locator(".card b").get_by_text("case 1000", exact=True)).to_have_count(1)
     page.locator("#search").fill("case 0777")
     assert names(page) == ["case 0777"]
+
+
+@pytest.fixture
+def large(tmp_path):
+    """A report of more records than the page holds itself, with pictures for one of them and a cloud."""
+    case = default_suite()[0]
+    known = compared(tmp_path, "shared", 0.0, Tolerance(max_rel=1e-3))
+    many = [outcome_of(case, "egl", **known) for _ in range(MOST_INSIDE + PIECE)]
+    for number, each in enumerate(many):
+        each.name = f"case {number:04}"
+    many[1234 % len(many)].setup = {"lights": ["a beam of argon"]}
+    many[7].message = EVIL
+    write_report(tmp_path, ENVIRONMENT, [*many, outcomes(tmp_path)[-1]], 100.0)
+    return tmp_path
+
+
+def test_of_a_large_report_the_page_loads_what_is_looked_at(large, browser):
+    each = Opened(browser, large)
+    whole = (large / "report.json").stat().st_size
+    assert (large / "index.html").stat().st_size < 0.4 * whole
+    assert not [url for url in each.asked if "/cases/records/" in url]
+    expect(each.page.locator("#cloud-table tbody tr")).to_have_count(1)
+    open_case(each.page, "case 0000")
+    expect(each.page.locator(".set-up")).to_contain_text("camera")
+    expect(each.page.locator("#facts")).to_contain_text("99.9 % below")
+    asked = [url for url in each.asked if "/cases/records/" in url]
+    assert len(asked) == 1
+    each.page.keyboard.press("ArrowRight")
+    expect(each.page.locator("#case-name")).to_contain_text("case 0001")
+    expect(each.page.locator(".set-up")).to_contain_text("camera")
+    assert [url for url in each.asked if "/cases/records/" in url] == asked
+    assert "taken" not in each.page.title()
+    assert each.complaints == []
+    each.context.close()
+
+
+def test_a_search_of_a_large_report_finds_what_a_set_up_says(large, opened):
+    page = opened(of=large)
+    page.locator("#search").fill("argon")
+    name = f"case {1234 % (MOST_INSIDE + PIECE):04}"
+    expect(page.locator("#shown")).to_have_text(f"1 of {MOST_INSIDE + PIECE + 1:,}".replace(",", " "))
+    assert names(page) == [name]
+
+
+def test_a_link_into_a_large_report_shows_its_case(large, opened):
+    page = opened("#case=case+0999", of=large)
+    expect(page.locator("#case-name")).to_contain_text("case 0999")
+    expect(page.locator(".set-up")).to_contain_text("camera")
+
+
+def test_records_that_are_gone_or_another_run_s_leave_what_the_wall_shows(large, browser):
+    pieces = large / "cases" / "records"
+    (pieces / "0.js").write_text((pieces / "1.js").read_text())
+    (pieces / "3.js").unlink()
+    for name, why in (("case 0007", "another run"), ("case 0350", "cannot be read")):
+        page = Opened(browser, large, f"#case={name.replace(' ', '+')}").page
+        expect(page.locator("#trouble")).to_contain_text(why)
+        expect(page.locator("#case-name")).to_contain_text(name)
+        page.context.close()
 
 
 # For everybody

@@ -14,11 +14,19 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from mrm_nodes.files import write_text
+from mrm_nodes.files import place_in, write_text
 from mrm_nodes.regression.cloud import DECADES
 from mrm_nodes.regression.compare import FLOOR, VERDICTS
 from mrm_nodes.regression.outcome import STAGES, Outcome, as_record
 from mrm_nodes.regression.pictures import HEAT_DECADES, HEAT_OVER, HEAT_STOPS
+
+MOST_INSIDE = 1000
+"""Records that the page holds itself: with more it takes a browser seconds to show."""
+PIECES = "cases/records"
+PIECE = 100
+"""Where the other records lie, and how many in a file."""
+
+_SHOWN = ("name", "kind", "node", "target", "backend", "truth", "verdict", "message", "used", "max_rel")
 
 TEMPLATES = Path(__file__).with_name("templates")
 SCRIPTS = ("pixels.js", "wall.js", "case.js", "main.js")
@@ -66,22 +74,48 @@ def write_records(
     """As `write_report`, from outcomes as `as_record` has them."""
     ordered = worst_first(records)
     report = {"environment": dict(environment), "cases": ordered, "summary": summarise(ordered, seconds)}
-    text = report_text(report)
-    write_text(folder / "report.json", text)
-    write_text(folder / "index.html", page(report, text))
+    lines = list(map(_compact, ordered))
+    write_text(folder / "report.json", _text(report, lines))
+    _write_pieces(folder, lines)
+    # At last: it names the pieces.
+    write_text(folder / "index.html", page(report, lines))
     return report
 
 
 def report_text(report: Mapping[str, Any]) -> str:
     """What report.json holds: JSON with a line for each case, so that two reports can be compared line by line."""
-    cases = ",\n".join(map(_compact, report["cases"]))
+    return _text(report, list(map(_compact, report["cases"])))
+
+
+def _text(report: Mapping[str, Any], lines: Sequence[str]) -> str:
+    cases = ",\n".join(lines)
     environment, summary = _compact(report["environment"]), _compact(report["summary"])
     return f'{{"environment": {environment},\n"cases": [\n{cases}\n],\n"summary": {summary}}}\n'
 
 
-def page(report: Mapping[str, Any], text: str) -> str:
-    """The page of a report, whose `report_text` is given: style, script and data are inside, pictures and numbers
-    beside it.
+def _write_pieces(folder: Path, lines: Sequence[str]) -> None:
+    """Write the records that the page loads as they are looked at, where it does not hold them itself."""
+    wanted = range(0, len(lines), PIECE) if len(lines) > MOST_INSIDE else range(0)
+    for stale in (folder / PIECES).glob("*.js"):
+        if stale.stem.isdecimal() and int(stale.stem) >= len(wanted):
+            stale.unlink(missing_ok=True)
+    for number, start in enumerate(wanted):
+        place = place_in(folder, f"{PIECES}/{number}.js")
+        write_text(place, "mrmCase([\n" + ",\n".join(lines[start : start + PIECE]) + "\n]);\n")
+
+
+def _brief(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """What the page shows of a case before it is opened; a cloud's figures are in a table of the page."""
+    if record["details"].get("decades"):
+        return record
+    shown = {name: record[name] for name in _SHOWN if name in record}
+    files = {name: record["files"][name] for name in ("render", "error") if name in record["files"]}
+    return {**shown, "seconds": {"all": sum(record["seconds"].values())}, "files": files, "details": {}}
+
+
+def page(report: Mapping[str, Any], lines: Sequence[str]) -> str:
+    """The page of a report, whose cases are given as lines of JSON too: style, script and data are inside, pictures
+    and numbers beside it, and of more than MOST_INSIDE cases what is not on the wall.
 
     It runs no other script than its own and those of its cases, and can reach no network: its Content-Security-Policy
     says so.
@@ -96,7 +130,14 @@ def page(report: Mapping[str, Any], text: str) -> str:
     heat = {"stops": HEAT_STOPS, "over": HEAT_OVER, "decades": HEAT_DECADES}
     style = environment.get_template("report.css").render(heat=heat)
     script = "\n".join((TEMPLATES / name).read_text("utf-8") for name in SCRIPTS)
-    settings = _compact({"heat": heat, "floor": FLOOR, "stages": STAGES, "decades": DECADES})
+    cases = report["cases"]
+    seconds = {stage: sum(each["seconds"].get(stage, 0.0) for each in cases) for stage in STAGES}
+    is_large = len(cases) > MOST_INSIDE
+    pieces = {"folder": PIECES, "size": PIECE if is_large else 0}
+    settings = _compact(
+        {"heat": heat, "floor": FLOOR, "seconds": seconds, "decades": DECADES, "pieces": pieces}
+    )
+    text = _text(report, [_compact(_brief(each)) for each in cases] if is_large else lines)
     return environment.get_template("index.html.j2").render(
         report=report,
         style=Markup(style),

@@ -45,14 +45,25 @@ function openCase(each) {
   byId("next").disabled = !neighbour(1);
   const place = wall.cases.indexOf(each);
   byId("case-place").textContent = place < 0 ? "" : `${thousands(place + 1)} of ${thousands(wall.cases.length)}`;
-  byId("facts").replaceChildren(...factsOf(each));
+  byId("facts").replaceChildren(...(isWhole(each) ? factsOf(each) : []));
   byId("source").hidden = true;
   showTrouble("");
   showImages(null);
   if (!view.dialog.open) view.dialog.showModal();
   view.dialog.scrollTo(0, 0);
-  if (each.files.data) loadInto(each);
-  else byId("images").hidden = !each.files.render;
+  byId("images").hidden = !each.files.render;
+  if (!isWhole(each)) loadWhole(each);
+  else if (each.files.data) loadInto(each);
+}
+
+async function loadWhole(each) {
+  try {
+    await loadRecord(CASES.indexOf(each));
+    if (view.each === each) openCase(each);
+  } catch (error) {
+    byId("images").hidden = false;
+    if (view.each === each) showTrouble(`${error.message}: this is what the wall shows.`);
+  }
 }
 
 async function loadInto(each) {

@@ -9,17 +9,21 @@ const PAGE = JSON.parse(document.getElementById("data").textContent);
 const loaded = new Map();
 const KEPT = 8;
 
+function loadScript(address) {
+  return new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    script.src = address;
+    script.receive = resolve;
+    script.onerror = () => reject(new Error(`${decodeURI(address)} cannot be read`));
+    script.onload = () => reject(new Error(`${decodeURI(address)} holds no case`)); // Too late where it did.
+    document.head.append(script);
+  });
+}
+
 function loadPixels(address) {
   if (!loaded.has(address)) {
     if (loaded.size >= KEPT) loaded.delete(loaded.keys().next().value);
-    const promise = new Promise((resolve, reject) => {
-      const script = document.createElement("script");
-      script.src = address;
-      script.receive = resolve;
-      script.onerror = () => reject(new Error(`${decodeURI(address)} cannot be read`));
-      script.onload = () => reject(new Error(`${decodeURI(address)} holds no case`)); // Too late where it did.
-      document.head.append(script);
-    }).then(unpack);
+    const promise = loadScript(address).then(unpack);
     loaded.set(address, promise);
     promise.catch(() => loaded.delete(address));
   }

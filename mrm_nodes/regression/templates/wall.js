@@ -42,6 +42,34 @@ const findCase = (key) =>
 const compared = (each) => each.used !== undefined;
 const totalSeconds = (each) => Object.values(each.seconds).reduce((sum, part) => sum + part, 0);
 
+// Of a large report the page holds what the wall shows; a case's record comes with its piece, when it is looked at.
+
+const pieces = new Map();
+const isWhole = (each) => each.setup !== undefined;
+
+function loadRecord(index) {
+  const number = Math.floor(index / PAGE.pieces.size);
+  if (!pieces.has(number)) {
+    const start = number * PAGE.pieces.size;
+    const piece = loadScript(`${PAGE.pieces.folder}/${number}.js`).then((records) => {
+      records.forEach((record, i) => {
+        const each = CASES[start + i];
+        if (each.name !== record.name || each.backend !== record.backend) throw new Error("The records are of another run");
+        Object.assign(each, record);
+        texts.delete(each);
+      });
+    });
+    pieces.set(number, piece);
+    piece.catch(() => pieces.delete(number));
+  }
+  return pieces.get(number);
+}
+
+// A search looks through the set-ups too.
+async function loadEveryRecord() {
+  for (let index = 0; index < CASES.length; index += PAGE.pieces.size) await loadRecord(index);
+}
+
 // The state is in the address, so that a link shows what its sender saw.
 
 const FILTERS = ["verdict", "node", "target", "backend", "truth", "kind"];
@@ -187,6 +215,18 @@ function showWall() {
   byId("clear").hidden = !CASES.length;
   byId("shown").textContent = `${thousands(wall.cases.length)} of ${thousands(CASES.length)}`;
   showFilters();
+  if (state.q && !CASES.every(isWhole)) searchSetups();
+}
+
+async function searchSetups() {
+  const words = state.q;
+  byId("shown").textContent += " …";
+  try {
+    await loadEveryRecord();
+    if (state.q === words) showWall();
+  } catch (error) {
+    if (state.q === words) byId("shown").textContent = byId("shown").textContent.replace("…", `without their set-ups: ${error.message}`);
+  }
 }
 
 function moveTo(index) {
@@ -280,8 +320,7 @@ function makeTables() {
     el("tbody", {}, clouds.map((each) => el("tr", {}, cloudHead(each), el("td", {}, pill(each.verdict), el("br"), el("span", { class: "quiet" }, each.backend)), PAGE.decades.map(([low]) => el("td", {}, decadesOf(each, low)))))),
   );
 
-  const stages = PAGE.stages.map((stage) => [stage, CASES.reduce((sum, each) => sum + (each.seconds[stage] ?? 0), 0)]);
-  const rows = [["time by stage", stages.map(([stage, time]) => `${stage} ${seconds(time)}`).join(", ")], ...flatten(environment, ["gallery", "partial"])];
+  const rows = [["time by stage", Object.entries(PAGE.seconds).map(([stage, time]) => `${stage} ${seconds(time)}`).join(", ")], ...flatten(environment, ["gallery", "partial"])];
   byId("environment").append(...rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "number" }, value))));
 
   const gallery = environment.gallery ?? [];

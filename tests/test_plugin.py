@@ -1,7 +1,9 @@
 """The pytest plugin, through runs of pytest on a studio's own tests."""
 
+import errno
 import importlib.metadata
 import json
+import os
 import re
 import subprocess
 import sys
@@ -265,6 +267,19 @@ def test_a_session_removes_its_own_outcomes_and_no_other_s(studio):
     run(studio, "tests").assert_outcomes(failed=1)
     assert [path.name for path in (studio.path / "out" / "outcomes").iterdir()] == ["other"]
     assert (other / "a.json").is_file()
+    os.utime(other, (0, 0))  # it was killed long ago
+    run(studio, "tests").assert_outcomes(failed=1)
+    assert not list((studio.path / "out" / "outcomes").iterdir())
+
+
+def test_a_disk_that_is_full_as_a_name_is_claimed_is_one_line(studio, monkeypatch):
+    def full(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("mrm_nodes.regression.testing.Session._claim", full)
+    result = run(studio, "tests")
+    result.stdout.fnmatch_lines(["*out: cannot be written: No space left on device"])
+    assert "testing.py" not in result.stdout.str()
 
 
 def test_without_pytest_s_cache_the_report_has_a_fresh_private_folder(studio, monkeypatch):

@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes import documents, external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
-from mrm_nodes.files import lock, write_text
+from mrm_nodes.files import ABANDONED, clear, lock, write_text
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.inputs import versions
 from mrm_nodes.regression.junit import in_words
@@ -179,7 +180,10 @@ class Session:
             raise MrmError(f"truth {truth!r}; it is {' or '.join(get_args(Truth))}")
         name = safe(name)
         self._prepare()
-        self._claim(name, test)
+        try:
+            self._claim(name, test)
+        except OSError as error:
+            raise MrmError(f"{self.folder}: cannot be written: {error.strerror}") from None
         asked = tolerance if isinstance(tolerance, Tolerance) else _tolerance(tolerance or {})
         case = replace(seen.case, name=name, truth=truth, tolerance=asked)
         standing = case.store.standing(name)
@@ -244,6 +248,10 @@ class Session:
             self.folder.mkdir(0o700 if private else 0o777, parents=True, exist_ok=True)
             (self.folder / MARK).touch()
             self._outcomes.mkdir(parents=True, exist_ok=True)
+            clear(self.folder, ABANDONED)
+            for left in (self.folder / OUTCOMES).iterdir():  # of sessions that were killed
+                if left.stat().st_mtime < time.time() - ABANDONED:
+                    shutil.rmtree(left, ignore_errors=True)
         except OSError as error:
             raise MrmError(f"{self.folder}: cannot be written: {error.strerror}") from None
 

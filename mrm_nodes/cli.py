@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import sys
 import warnings
@@ -51,7 +52,11 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except Exception as error:
         if os.environ.get(TRACEBACK_VARIABLE):
             raise
-        status = _complain(f"unexpected {type(error).__name__}: {error} ({TRACEBACK_VARIABLE}=1 shows where)")
+        where = f"{TRACEBACK_VARIABLE}=1 shows where"
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            status = _complain(f"{error.filename or 'a file or stdout'}: {error.strerror} ({where})")
+        else:
+            status = _complain(f"unexpected {type(error).__name__}: {error} ({where})")
     sys.exit(status or 0)
 
 

@@ -122,6 +122,7 @@ class _Reading:
 
     def _of(self, file: Path, content: bytes | None = None) -> mx.Document:
         """The document of a file; each is read once."""
+        filenames.check_text(file)
         key = file.resolve()
         if key in self._open:
             raise MrmError(f"{file}: includes itself")

@@ -19,7 +19,7 @@ from pathlib import Path
 import MaterialX as mx
 
 from mrm_nodes import library
-from mrm_nodes.errors import suggestion
+from mrm_nodes.errors import MrmError, suggestion
 
 Tile = tuple[int, int]
 """Column and row of a square of texture coordinates: their integer parts, (0, 0) for those from 0 to 1."""
@@ -101,6 +101,19 @@ def is_address(name: str) -> bool:
 def is_file(path: Path) -> bool:
     """Whether there is such a file; a name that no file can have is none, and no OSError."""
     return os.path.isfile(path)  # noqa: PTH113
+
+
+def check_text(path: Path) -> None:
+    """Check that a file's name is text, as names are to MaterialX.
+
+    Raises:
+        MrmError: it has bytes that are no UTF-8.
+    """
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        shown = os.fsencode(path).decode(errors="backslashreplace")
+        raise MrmError(f"{shown}: the name of a file or folder on the way is not UTF-8: rename it") from None
 
 
 def folder_of(path: Path) -> Path:

@@ -145,6 +145,17 @@ def test_an_unexpected_error_is_one_line_too(run, monkeypatch):
     assert "unexpected RuntimeError: out of paper (MRM_TRACEBACK=1 shows where)" in fault(run, "install", ".")
 
 
+def test_output_that_finds_no_room_is_one_line():
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "mrm_nodes", "suite", "list", TAPE.parent],
+            stdout=full,
+            stderr=subprocess.PIPE,
+        )
+    assert done.returncode == 2
+    assert done.stderr.startswith(b"mrm-nodes: a file or stdout: No space left on device")
+
+
 @pytest.mark.parametrize(("target", "count"), [("glsl", 2), ("osl", 1), ("wgsl", 2)])
 def test_generate_writes_and_names_its_files(run, tmp_path, target, count):
     status, out, _ = run("generate", TAPE, "--target", target, "-o", tmp_path / "shaders")

@@ -1,6 +1,6 @@
 """A disk that is full, at each change that a command makes in turn: nothing is half there, and the next try is whole.
 
-MRM_FAULTS=200 has whole runs with their workers at each change too; without it they are a sample.
+MRM_FAULTS=200 or more tries each change; fewer are so many of them, chosen by MRM_FAULTS_SEED.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mrm_nodes.library import own_libraries
 from mrm_nodes.regression.baseline import LOG, Store
 from mrm_nodes.regression.journal import Past, read
 
-EVERY = bool(os.environ.get("MRM_FAULTS"))
+COUNT = int(os.environ.get("MRM_FAULTS", "0"))
 SEED = int(os.environ.get("MRM_FAULTS_SEED", "1"))
 
 TAPE = """<materialx version="1.39">
@@ -120,7 +120,8 @@ def attempts(disk: Machine, template: Path, try_at: Callable[[int, bool, Path], 
 
     changes = attempt(0, False).changes
     each = [(at, stays) for at in range(1, changes + 1) for stays in (False, True)]
-    for at, stays in each if EVERY else Random(SEED).sample(each, min(few, len(each))):
+    chosen = each if COUNT >= 200 else Random(SEED).sample(each, min(max(few, COUNT), len(each)))
+    for at, stays in chosen:
         attempt(at, stays)
     return changes
 

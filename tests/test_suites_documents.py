@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +12,8 @@ from typing import Any
 import pytest
 
 from mrm_nodes import documents, elements, external
+from mrm_nodes.errors import MrmError
+from mrm_nodes.library import materials_path
 from mrm_nodes.regression import inputs, suitefile
 from mrm_nodes.regression.material_case import MaterialCase
 from mrm_nodes.regression.patterns import files_matching
@@ -224,3 +227,17 @@ material = "*.mtlx"
 mesh = ["sphere", "plane"]
 size = [8, 16, 32]
 """
+
+
+def test_a_material_whose_name_is_no_text_costs_its_own_case(tmp_path: Path):
+    """Names of files are bytes, and MaterialX's are UTF-8."""
+    for name in (b"sound.mtlx", b"caf\xe9.mtlx"):
+        shutil.copyfile(materials_path() / "hi_vis_tape.mtlx", os.fsencode(tmp_path) + b"/" + name)
+    cases = {case.name: case for case in load(tmp_path).cases}
+    assert sorted(cases) == ["caf", "sound"]
+    assert not cases["sound"].broken and cases["caf"].broken
+    assert cases["caf"].reason.endswith(
+        r"caf\xe9.mtlx: the name of a file or folder on the way is not UTF-8: rename it"
+    )
+    with pytest.raises(MrmError, match="is not UTF-8: rename it"):
+        documents.read_document(tmp_path / os.fsdecode(b"caf\xe9.mtlx"))

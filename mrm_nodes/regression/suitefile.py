@@ -342,7 +342,7 @@ class _Maker:
             what: the material, its element, and the place in the matrix.
         """
         safe = _safe(name)
-        digest = hashlib.sha256("\0".join((name, *what)).encode()).hexdigest()[:10]
+        digest = hashlib.sha256("\0".join((name, *what)).encode(errors="surrogateescape")).hexdigest()[:10]
         marked = f"{safe[: LONGEST_NAME - len(digest) - 1]}-{digest}"
         if len(safe) > LONGEST_NAME:
             safe = marked

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
+from mrm_nodes.allowance import out_of_memory
 from mrm_nodes.commands.baseline import baseline
 from mrm_nodes.commands.bench_regress import regress as bench_regress
-from mrm_nodes.commands.options import external_option
+from mrm_nodes.commands.options import OWN_PROCESS, external_option, within_limits
 from mrm_nodes.commands.regress import merge, regress
 from mrm_nodes.commands.scene import scene
 from mrm_nodes.commands.suite import suite
@@ -35,11 +36,15 @@ SUFFIXES = {"vulkan": "glsl", "essl": "glsl", "msl": "metal"}
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
-    """Run the command line and exit with its status; a fault is one line on stderr, never a traceback."""
+    """Run the command line and exit with its status; a fault is one line on stderr, never a traceback.
+
+    arguments: by default those of this process, which is then nobody else's.
+    """
     warnings.showwarning = _each_warning_once()
     warnings.simplefilter("always", MrmWarning)
     try:
-        status = cli.main(arguments, prog_name="mrm-nodes", standalone_mode=False)
+        own = OWN_PROCESS if arguments is None else None
+        status = cli.main(arguments, prog_name="mrm-nodes", standalone_mode=False, obj=own)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         status = AT_FAULT
@@ -49,6 +54,8 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         status = INTERRUPTED
     except MrmError as error:
         status = _complain(str(error))
+    except MemoryError:
+        status = _complain(out_of_memory())
     except Exception as error:
         if os.environ.get(TRACEBACK_VARIABLE):
             raise
@@ -150,6 +157,7 @@ cli.add_command(merge)
 @click.option("--element", help="Material to render, where the file has several.")
 @click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
 @external_option
+@within_limits
 def render(
     file: Path,
     output: Path,
@@ -217,6 +225,7 @@ def render(
     help="Stop where the target ignores what the material sets: an input, or a colour space.",
 )
 @external_option
+@within_limits
 def generate(
     file: Path,
     target: str | None,
@@ -376,6 +385,7 @@ def uninstall(folder: Path) -> None:
     "a node beside the surface, or an image file.",
 )
 @external_option
+@within_limits
 def retrofit(file: Path, output: Path, settings: tuple[str, ...], allow_external: bool) -> None:
     """Make a document's surfaces retroreflective: OpenPBR, glTF and Standard Surface become ours.
 

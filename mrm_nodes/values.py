@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import MaterialX as mx
 
@@ -58,11 +59,17 @@ class _Edits:
         """Make the changes."""
         for path, attributes in self.attributes.items():
             for name, value in attributes.items():
-                document.getDescendant(path).setAttribute(name, value)
+                _element_at(document, path).setAttribute(name, value)
         for path, text in self.values.items():
-            document.getDescendant(path).setValueString(text)
+            _element_at(document, path).setValueString(text)
         for path, (category, operand) in self.inserted.items():
-            _insert(document.getDescendant(path), category, operand)
+            _insert(_element_at(document, path), category, operand)
+
+
+def _element_at(document: mx.Document, path: str) -> Any:
+    """The element of a path, which MaterialX itself does not find where a name has a slash in it."""
+    found = document.getDescendant(path)
+    return found or next(each for each in document.traverseTree() if each.getNamePath() == path)
 
 
 def _insert(port: mx.Input, category: str, operand: float | None) -> None:

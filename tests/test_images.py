@@ -22,12 +22,14 @@ from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import (
     Mesh,
     Renderer,
+    imagelayers,
     load_mesh,
     parse_camera,
     plane,
     probe_backends,
     read_image,
     write_exr,
+    write_png,
 )
 from mrm_nodes.render.environment import load_environment
 
@@ -456,3 +458,18 @@ def test_the_evaluator_sees_the_same_images(file: str, space: str, tmp_path: Pat
     assert (outcome.message, outcome.truth, outcome.verdict) == ("", "physics", "pass")
     assert outcome.figures is not None
     assert outcome.figures.lit > 500
+
+
+def test_a_picture_of_a_giant_size_is_refused_before_it_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    file = tmp_path / "black.png"
+    write_png(file, np.random.default_rng(0).random((64, 64, 3)))
+    read_image(file)
+    # Reading would find that it is cut short.
+    file.write_bytes(file.read_bytes()[:2000])
+    with pytest.raises(MrmError, match="damaged or truncated"):
+        read_image(file)
+    monkeypatch.setattr(imagelayers, "LARGEST", 64 * 64 * 3)
+    with pytest.raises(MrmError, match=r"black\.png: 64 × 64 pixels of 3 channels are more than"):
+        read_image(file)

@@ -487,6 +487,20 @@ def test_an_accessor_that_claims_more_than_fits_is_refused(file):
         load_mesh(file)
 
 
+def test_meshes_that_come_to_more_than_fits_are_refused(file):
+    gltf, data = gltf_of([[SQUARE]])
+    gltf["accessors"].append({"componentType": 5126, "type": "VEC3", "count": 1 << 24})
+    # Each is read when it is placed.
+    gltf["meshes"] = [{"primitives": [{"attributes": {"POSITION": len(gltf["accessors"]) - 1}}]}]
+    gltf["nodes"] = [{"mesh": 0}] * 100
+    gltf["scenes"] = [{"nodes": [*range(100)]}]
+    write_chunks(file, gltf, data)
+    with pytest.raises(
+        MrmError, match="claims 16777216 values; all that is drawn may have 134217728 numbers"
+    ):
+        load_mesh(file)
+
+
 # .obj -------------------------------------------------------------------------------------------------
 
 SQUARE_OBJ = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nvn 0 0 1\nf 1/1/1 2/2/1 3/3/1 4/4/1\n"

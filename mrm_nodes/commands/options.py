@@ -2,10 +2,81 @@
 
 from __future__ import annotations
 
+import functools
+import math
+import os
+from collections.abc import Callable
+from typing import Any
+
 import click
+
+from mrm_nodes.errors import MrmError
 
 external_option = click.option(
     "--allow-external",
     is_flag=True,
     help="Let materials read files outside of their folder and the node libraries.",
 )
+
+
+def parse_limit(context: object, parameter: object, value: float) -> float:
+    """Seconds, which click lets be NaN."""
+    if math.isnan(value):
+        raise MrmError("--time-limit nan: write the seconds that it may take")
+    return value
+
+
+def time_option(what: str) -> Callable[[Any], Any]:
+    """How long something may take."""
+    return click.option(
+        "--time-limit",
+        type=click.FloatRange(0, 1e9, min_open=True),
+        callback=parse_limit,
+        default=600.0,
+        show_default=True,
+        metavar="SECONDS",
+        help=f"What {what} may take.",
+    )
+
+
+def memory_option(what: str) -> Callable[[Any], Any]:
+    """How much memory something may take."""
+    return click.option(
+        "--memory-limit",
+        type=click.IntRange(256, 1 << 30),
+        envvar="MRM_MEMORY_LIMIT",
+        metavar="MB",
+        help=f"Memory that {what} may take.  [default: three quarters of the machine's]",
+    )
+
+
+def within_limits(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options, and have the command work in a process of its own that keeps to them.
+
+    Where the command line is called by another program, it works in that one's process, without limits.
+    """
+
+    @functools.wraps(command)
+    def within(*, time_limit: float, memory_limit: int | None, **given: Any) -> Any:
+        from mrm_nodes.allowance import go_on_within
+
+        if click.get_current_context().find_root().obj is OWN_PROCESS:
+            status = go_on_within(time_limit, memory_limit)
+            if status is not None:
+                return status
+        return command(**given)
+
+    limited: Callable[..., Any] = time_option("it")(memory_option("it")(within))
+    return limited
+
+
+OWN_PROCESS = "own process"
+"""What the context of a command line holds that nobody called but its own process."""
+
+
+def keep_memory_limit(megabytes: int | None) -> None:
+    """Have worker processes that start from now on take no more."""
+    from mrm_nodes.allowance import MEMORY_VARIABLE
+
+    if megabytes is not None:
+        os.environ[MEMORY_VARIABLE] = str(megabytes)

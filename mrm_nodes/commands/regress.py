@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from mrm_nodes.commands.options import external_option
+from mrm_nodes.commands.options import external_option, keep_memory_limit, memory_option, time_option
 from mrm_nodes.errors import MrmError
 
 FAILED = 1
 """Exit status where a comparison failed or ended in an error."""
 
 STDOUT = Path("-")
-
-
-def parse_limit(context: object, parameter: object, value: float) -> float:
-    """Seconds, which click lets be NaN."""
-    if math.isnan(value):
-        raise MrmError("--time-limit nan: write the seconds that a case may take")
-    return value
 
 
 def parse_shard(context: object, parameter: object, text: str | None) -> tuple[int, int]:
@@ -91,15 +83,8 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
     show_default=True,
     help="Random configurations of each node; 0 for images only.",
 )
-@click.option(
-    "--time-limit",
-    type=click.FloatRange(0, 1e9, min_open=True),
-    callback=parse_limit,
-    default=600.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="What a case may take.",
-)
+@time_option("a case")
+@memory_option("a worker process")
 @click.option(
     "--resume", is_flag=True, help="Go on from what an earlier run of the same suite left in the folder."
 )
@@ -126,6 +111,7 @@ def regress(
     expression: str | None,
     configurations: int,
     time_limit: float,
+    memory_limit: int | None,
     resume: bool,
     retry_errors: bool,
     cache_folder: Path | None,
@@ -148,6 +134,7 @@ def regress(
     from mrm_nodes.regression.run import run_suite
 
     click.get_current_context().with_resource(terminal.each_warning_once())
+    keep_memory_limit(memory_limit)
     _prepare(folder, json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
     known = None if no_cache else cache.Cache(cache_folder or cache.default_folder(), link=link)

@@ -22,6 +22,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
+from mrm_nodes.allowance import MEMORY_VARIABLE, usual_memory
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.outcome import Fault, Outcome, Task, needs_evaluator, outcome_of, time_limit_of
 
@@ -375,9 +376,9 @@ def run_locally(
 
 
 def threads(jobs: int) -> dict[str, str]:
-    """Environment variables that give each of so many processes its share of the processors."""
+    """Environment variables that give each of so many processes its share of the processors, and of the memory."""
     each = str(max(1, len(os.sched_getaffinity(0)) // jobs))
-    return {"LP_NUM_THREADS": each, "NUMBA_NUM_THREADS": each}
+    return {"LP_NUM_THREADS": each, "NUMBA_NUM_THREADS": each, MEMORY_VARIABLE: str(usual_memory(jobs))}
 
 
 class _Crew:

@@ -139,7 +139,10 @@ class _Placed:
         normal = points.normal if values["normal"] is None else values["normal"]
         tangent = points.tangent if values.get("tangent") is None else values["tangent"]
         view, frame = shading_frame(points.position, normal, tangent, points.eye)
-        placed = kind(lobe.node, _as_ours(lobe, values), frame)
+        try:
+            placed = kind(lobe.node, _as_ours(lobe, values), frame)
+        except ValueError as error:
+            raise MrmError(f"{lobe.path}: the evaluator: {error}") from None
         if self._environment is not None:
             if lobe.path not in self._estimates:
                 self._estimates[lobe.path] = _around(placed, view, self._environment)

@@ -149,7 +149,9 @@ def read_table(path: Path) -> tuple[SuiteTable, Where]:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SuiteError([_syntax_fault(path, str(error))]) from None
-    except (RecursionError, ValueError) as error:  # nested too deeply; a number of too many digits
+    except RecursionError:
+        raise SuiteError([f"{path}: lists or tables that are too deep within each other"]) from None
+    except ValueError as error:  # a number of too many digits
         raise SuiteError([f"{path}: {error}"]) from None
     lines = _Lines(text)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mrm_nodes import compiling
+from mrm_nodes.allowance import limit_memory, out_of_memory
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.processes import end_with_parent
 from mrm_nodes.regression import cloud, image_case, inputs, material_case
@@ -57,6 +58,8 @@ class Worker:
             JUDGES[task.kind](task, self._workshop, outcome, folder)
         except MrmError as error:
             outcome.verdict, outcome.message, outcome.fault = "error", str(error), fault_of(error)
+        except MemoryError as error:
+            outcome.verdict, outcome.message, outcome.fault = "error", out_of_memory(), fault_of(error)
         except Exception as error:  # one broken case must not cost the others
             outcome.verdict, outcome.message = "error", f"{type(error).__name__}: {error}"
             outcome.fault = fault_of(error)
@@ -77,6 +80,7 @@ def serve(descriptor: int, backend: str, evaluates: bool) -> None:
     evaluates: whether the evaluator is to be compiled, where it is not, before it is ready.
     """
     end_with_parent()
+    limit_memory()
     # What a start warns of, the parent has said.
     warnings.simplefilter("ignore")
     with Connection(descriptor) as connection, contextlib.suppress(BrokenPipeError):

@@ -36,8 +36,8 @@ _TRIANGLES, _TRIANGLE_STRIP, _TRIANGLE_FAN = 4, 5, 6
 #: How many numbers a vertex has of an attribute: glTF 2.0, section 3.7.2.1.
 _WIDTHS = {"POSITION": (3,), "NORMAL": (3,), "TANGENT": (4,), "TEXCOORD": (2,), "COLOR": (3, 4)}
 
-#: Values of an accessor; one without a buffer may claim any number.
-_MOST_VALUES = 1 << 28
+#: Values of all vertices, each mesh as often as it is placed; an accessor without a buffer may claim any number.
+_MOST_VALUES = 1 << 27
 
 #: Extensions that change no geometry start like this; others are named.
 _HARMLESS = (
@@ -144,6 +144,7 @@ class _Reader:
     def parts(self) -> list[Part]:
         self._check_extensions()
         placed = list(self._placed_meshes())
+        self._check_amount([mesh for mesh, _ in placed])
         parts = [part for mesh, matrix in placed for part in self._mesh(mesh, matrix)]
         for note in self._notes:
             warnings.warn(f"{self._file}: {note}", MrmWarning, stacklevel=5)
@@ -199,6 +200,21 @@ class _Reader:
                 self._name_unapplied(node)
                 yield _index(node["mesh"], self._list("meshes")), matrix
             stack += [(_index(child, nodes), matrix) for child in reversed(node.get("children", ()))]
+
+    def _check_amount(self, meshes: list[int]) -> None:
+        """Check what all that is drawn will take, before anything is read."""
+        total = 0
+        for mesh in meshes:
+            for primitive in self._list("meshes")[mesh]["primitives"]:
+                for index in (*primitive["attributes"].values(), primitive.get("indices")):
+                    if index is not None:
+                        accessor = self._accessor(index)
+                        total += accessor["count"] * _COMPONENTS[accessor["type"]]
+                        if total > _MOST_VALUES:
+                            raise MrmError(
+                                f"{self._file}: accessor {index} claims {accessor['count']} values; all that is drawn "
+                                f"may have {_MOST_VALUES} numbers"
+                            )
 
     def _name_unapplied(self, node: Json) -> None:
         if "skin" in node:
@@ -282,7 +298,7 @@ class _Reader:
         count, components = accessor["count"], _COMPONENTS[accessor["type"]]
         kind = np.dtype(_COMPONENT_TYPES[accessor["componentType"]])
         where = f"accessor {index}"
-        if not 0 <= count * components <= _MOST_VALUES:
+        if count < 0:
             raise MrmError(f"{self._file}: {where} claims {count} values")
         if "bufferView" in accessor:
             offset = accessor.get("byteOffset", 0)

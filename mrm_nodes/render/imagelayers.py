@@ -19,6 +19,9 @@ _CHANNELS = {"red": "r", "green": "g", "blue": "b", "alpha": "a"}
 #: A display window may say anything; no driver draws more.
 _MAX_SIDE = 32768
 
+LARGEST = 2 << 30
+"""Bytes of a picture as it is read: what 16384 × 16384 pixels of three 16-bit channels have."""
+
 
 @dataclass(frozen=True)
 class Layer:
@@ -90,6 +93,26 @@ def choose_layer(layers: Sequence[Layer], file: str, name: str = "") -> Layer:
         return (not layer.is_color, _BEAUTY.index(beauty) if beauty in _BEAUTY else len(_BEAUTY))
 
     return min(layers, key=rank)
+
+
+def check_size(spec: Any, channels: Sequence[int], kind: Any, file: str) -> None:
+    """Check what a part will take, before anything is taken: a file of a few bytes may say that it is any size.
+
+    Args:
+        channels: those that are read.
+        kind: the number format that they are read in.
+
+    Raises:
+        MrmError: it is more than `LARGEST`.
+    """
+    # The channels between the first and the last are read with them.
+    count = max(channels) + 1 - min(channels)
+    for width, height in ((spec.width, spec.height), (spec.full_width, spec.full_height)):
+        if width * height * count * oiio.TypeDesc(kind).size() > LARGEST:
+            raise MrmError(
+                f"{file}: {width} × {height} pixels of {count} channels are more than {LARGEST >> 30} GiB, "
+                "which is no picture to draw with: make it smaller"
+            )
 
 
 def check_shown(spec: Any, file: str) -> None:

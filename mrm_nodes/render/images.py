@@ -59,6 +59,7 @@ def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN, layer: s
         if source.format_name() == "openexr":
             imagelayers.check_shown(spec, str(file))
         wanted = imagelayers.number_format(spec, chosen.channels) if kind == oiio.UNKNOWN else kind
+        imagelayers.check_size(spec, chosen.channels, wanted, str(file))
         first, last = min(chosen.channels), max(chosen.channels) + 1
         pixels = source.read_image(chosen.part, 0, first, last, wanted)
         # Some formats fill in what a truncated file lacks, and only leave a message.

@@ -618,9 +618,15 @@ class Renderer:
         ctx = self._gl.ctx
 
         def make() -> _Target:
-            textures = [ctx.texture(size, 4, dtype="f4") for _ in range(colors)]
-            depth = ctx.depth_renderbuffer(size)
-            return _Target(textures, depth, ctx.framebuffer(textures, depth))
+            try:
+                textures = [ctx.texture(size, 4, dtype="f4") for _ in range(colors)]
+                depth = ctx.depth_renderbuffer(size)
+                return _Target(textures, depth, ctx.framebuffer(textures, depth))
+            except moderngl.Error as error:
+                # Which of its calls fails, and how, is the driver's.
+                raise MrmError(
+                    f"size {size[0]}x{size[1]}: OpenGL has no room for it ({error}): memory may have run out"
+                ) from MemoryError()
 
         # The image is drawn from the sheets: they never share a framebuffer.
         target = self._kept.targets.get((role, *size, colors), make)

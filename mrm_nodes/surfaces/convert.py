@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.files import ABANDONED, clear
 from mrm_nodes.surfaces.gltf import gltf_to_materialx, materialx_to_gltf
 from mrm_nodes.surfaces.rewrite import retrofit_file
 from mrm_nodes.surfaces.weights import Weight
@@ -33,6 +34,7 @@ def convert(
     from_gltf, to_gltf = (path.suffix.lower() in _GLTF for path in (source, target))
     if from_gltf and to_gltf:
         raise MrmError(f"{target}: both files are glTF; name one of them .mtlx")
+    clear(target.parent, ABANDONED)
     if from_gltf:
         return gltf_to_materialx(source, target, weights, allow_external)
     if to_gltf:

@@ -16,6 +16,7 @@ import click
 from mrm_nodes.allowance import out_of_memory
 from mrm_nodes.commands.baseline import baseline
 from mrm_nodes.commands.bench_regress import regress as bench_regress
+from mrm_nodes.commands.bench_regress import scale as bench_scale
 from mrm_nodes.commands.options import OWN_PROCESS, external_option, within_limits
 from mrm_nodes.commands.regress import merge, regress
 from mrm_nodes.commands.scene import scene
@@ -408,6 +409,7 @@ def bench() -> None:
 
 
 bench.add_command(bench_regress)
+bench.add_command(bench_scale)
 
 
 @bench.command()

@@ -7,7 +7,7 @@ import pytest
 
 from mrm_nodes import documents, elements, library
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import closure, suitefile
+from mrm_nodes.regression import bench_scale, closure, suitefile
 
 SURFACES = ("standard_surface", "open_pbr_surface", "gltf_pbr")
 
@@ -145,3 +145,12 @@ def test_only_what_holds_a_whole_surface_is_flattened(monkeypatch, tmp_path):
     assert [type(each) for each in flattened] == [mx.Document]
     closure.closure_of(documents.read_document(library.materials_path() / "road_paint.mtlx"), "road_paint")
     assert len(flattened) == 1
+
+
+def test_the_bench_s_suite_has_as_many_cases_and_no_two_alike(tmp_path):
+    file = bench_scale.write_suite(tmp_path, 100)
+    suite = suitefile.load(file)
+    assert len(suite.cases) == 100 and not suite.broken
+    materials = {case.material for case in suite.cases}
+    assert len(materials) == 20 == len({(tmp_path / name).read_text() for name in materials})
+    assert {case.truth for case in suite.cases} == {"physics"}

@@ -1,4 +1,4 @@
-"""`mrm-nodes bench regress`: what a regression run costs."""
+"""`mrm-nodes bench regress` and `bench scale`: what a regression run costs."""
 
 from __future__ import annotations
 
@@ -62,6 +62,44 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
     _beside(backend)
     if output is not None:
         write_text(output, bench.as_json(measured))
+
+
+@click.command()
+@click.option(
+    "--count",
+    "counts",
+    type=click.IntRange(1),
+    multiple=True,
+    default=(100, 1000, 10_000),
+    show_default=True,
+    help="Cases; may be repeated.",
+)
+@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(0, 256),
+    default=0,
+    show_default=True,
+    help="Worker processes that draw every case; with 0 one case stands for all, and the run's own work is left.",
+)
+@click.option("-o", "--output", type=Path, help="JSON file to write too.")
+def scale(counts: tuple[int, ...], backend: str, jobs: int, output: Path | None) -> None:
+    """Time suites of five cases a material: listed, run, run from the cache, and their page in a browser."""
+    from mrm_nodes.files import write_text
+    from mrm_nodes.regression import bench_scale
+
+    click.echo(f"{'cases':>6} {'step':<18} {'seconds':>8} {'CPU s':>8} {'MB':>6} {'worker MB':>9}")
+    rows = []
+    for count in counts:
+        for row in bench_scale.measure(count, backend, jobs):
+            told = ", ".join(f"{name} {value:.3g}" for name, value in row.told.items())
+            click.echo(
+                f"{row.cases:>6} {row.step:<18} {row.seconds:>8.1f} {row.cpu:>8.1f} {row.megabytes:>6.0f} "
+                f"{row.worker_megabytes:>9.0f}  {told}"
+            )
+            rows.append(row)
+    if output is not None:
+        write_text(output, bench_scale.as_json(rows))
 
 
 def _beside(backend: str) -> None:

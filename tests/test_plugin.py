@@ -272,6 +272,17 @@ def test_a_session_removes_its_own_outcomes_and_no_other_s(studio):
     assert not list((studio.path / "out" / "outcomes").iterdir())
 
 
+def test_a_report_that_cannot_be_written_leaves_no_outcomes(studio):
+    folder = studio.path / "out"
+    run(studio, "tests")
+    for name in ("report.json", "index.html"):
+        (folder / name).unlink()
+        (folder / name).mkdir()
+    result = run(studio, "tests")
+    result.stdout.fnmatch_lines(["no report: *report.json: cannot be written: Is a directory"])
+    assert not list((folder / "outcomes").iterdir())
+
+
 def test_a_disk_that_is_full_as_a_name_is_claimed_is_one_line(studio, monkeypatch):
     def full(*arguments):
         raise OSError(errno.ENOSPC, "No space left on device")

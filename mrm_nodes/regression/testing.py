@@ -321,9 +321,11 @@ def conclude(folder: Path, number: str, seconds: float) -> list[Outcome]:
         MrmError: it cannot be written.
     """
     left = folder / OUTCOMES / number
-    told = [from_record(json.loads(path.read_text("utf-8"))) for path in sorted(left.glob("*.json"))]
-    if told:
-        plan = Plan({outcome.backend: str(outcome.details["driver"]) for outcome in told}, {})
-        write_report(folder, describe_environment(plan), told, seconds)
-    shutil.rmtree(left, ignore_errors=True)
+    try:
+        told = [from_record(json.loads(path.read_text("utf-8"))) for path in sorted(left.glob("*.json"))]
+        if told:
+            plan = Plan({outcome.backend: str(outcome.details["driver"]) for outcome in told}, {})
+            write_report(folder, describe_environment(plan), told, seconds)
+    finally:
+        shutil.rmtree(left, ignore_errors=True)
     return told

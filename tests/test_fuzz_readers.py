@@ -68,6 +68,11 @@ FOUND = {
         fuzzing.METAL.replace('value="0.2, 0.3"', 'value="0x10, 0.3"').encode(),
         "",
     ),
+    "a node whose name has slashes, in a document with a colour space": (
+        "document",
+        fuzzing.PATTERN.replace('name="ramp"', 'name="../../x"').replace('"ramp"', '"../../x"').encode(),
+        "it is no material with a surface",
+    ),
     "glTF that lies deep within itself": ("gltf material", deep(100_000), "more than 100 objects and arrays"),
     "glTF that lies less deep": ("gltf material", deep(150), "more than 100 objects and arrays"),
     "a mesh that lies deep within itself": ("gltf", deep(100_000), "more than 100 objects and arrays"),

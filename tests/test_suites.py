@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import pickle
 import re
 import shutil
+import weakref
 from pathlib import Path
 
 import pytest
+from fuzzing import write_seeds
 
 from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import suites
+from mrm_nodes.regression import suitefile, suites
 from mrm_nodes.regression.baseline import fingerprint
 from mrm_nodes.regression.inputs import Inputs, key
 from mrm_nodes.regression.suitefile import load
@@ -584,3 +587,12 @@ def test_a_suite_that_is_a_pipe_a_device_or_endless_is_refused_at_once(tmp_path:
     ):
         with pytest.raises(MrmError, match=f"{name}.toml: .*{told}"):
             load(tmp_path / f"{name}.toml")
+
+
+def test_what_a_suite_was_made_by_goes_with_it(tmp_path, monkeypatch):
+    write_seeds(tmp_path)
+    makers = []
+    monkeypatch.setattr(suitefile._Maker, "_check_names", lambda self: makers.append(weakref.ref(self)))
+    assert load(tmp_path / "suite.toml").cases
+    gc.collect()
+    assert len(makers) == 1 and makers[0]() is None

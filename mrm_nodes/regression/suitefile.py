@@ -12,11 +12,11 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import MaterialX as mx
 import pydantic
@@ -103,6 +103,22 @@ def load(path: Path, allow_external: bool = False) -> Suite:
     return _Maker(path, path.parent, table, allow_external, where).suite()
 
 
+_Method = TypeVar("_Method", bound=Callable[..., Any])
+
+
+def _remembered(method: _Method) -> _Method:
+    """As functools.cache, but what a method returned goes with its object."""
+
+    @functools.wraps(method)
+    def once(self: _Maker, *given: Any) -> Any:
+        key = (method.__name__, *given)
+        if key not in self._known:
+            self._known[key] = method(self, *given)
+        return self._known[key]
+
+    return cast(_Method, once)
+
+
 class _Maker:
     """Makes the cases of one suite."""
 
@@ -116,6 +132,8 @@ class _Maker:
         self._where = where
         self._faults: list[str] = []
         self._broken: list[str] = []
+        self._known: dict[tuple[Any, ...], Any] = {}
+        self._as_read = functools.lru_cache(maxsize=_KEPT)(self._read_now)
         self._names: dict[str, tuple[str, str | int, tuple[str, ...]]] = {}
 
     def suite(self) -> Suite:
@@ -436,7 +454,7 @@ class _Maker:
             raise MrmError(f"no mesh file {file} ({', '.join(MESH_SUFFIXES)}) beside the suite: {why}")
         raise MrmError(f"unknown mesh {name}; {suggestion(name, [*BUILT_IN, *self._table.meshes])}")
 
-    @functools.cache  # noqa: B019
+    @_remembered
     def _camera(self, name: str) -> Camera | Framing:
         if name not in self._table.cameras and not re.search(r"[,:]", name):
             hint = f"{suggestion(name, self._table.cameras)} A camera is {CAMERA_SYNTAX}"
@@ -453,7 +471,7 @@ class _Maker:
                 lights.append(self._light(text))
         return tuple(lights)
 
-    @functools.cache  # noqa: B019
+    @_remembered
     def _light(self, text: str) -> Light:
         return parse_light(text)
 
@@ -514,7 +532,7 @@ class _Maker:
             raise Fault((*here, "truth"), f'{material}: {unknown}: write truth = "baseline" or "auto"')
         return ("baseline", unknown) if unknown else ("physics", "the evaluator knows all of its lobes")
 
-    @functools.cache  # noqa: B019  as long as the maker lives
+    @_remembered
     def _elements(self, material: str) -> tuple[list[str], str]:
         """The paths of a document's materials, and what is wrong with it: then there is one path, and it is empty."""
         try:
@@ -522,7 +540,7 @@ class _Maker:
         except MrmError as error:
             return [""], str(error)
 
-    @functools.cache  # noqa: B019
+    @_remembered
     def _wrong(self, material: str, element: str) -> str:
         """What is wrong with a document, or with what one of its elements is made of; or nothing."""
         _, wrong = self._elements(material)
@@ -534,7 +552,7 @@ class _Maker:
             return str(error)
         return wrong
 
-    @functools.cache  # noqa: B019
+    @_remembered
     def _depends(self, material: str) -> tuple[str, ...]:
         _, wrong = self._elements(material)
         if wrong:
@@ -549,7 +567,7 @@ class _Maker:
         alike = tuple((path, _alike(value)) for path, value in inputs)
         return self._unknown_alike(material, element, alike, surrounded)
 
-    @functools.cache  # noqa: B019
+    @_remembered
     def _checked(self, material: str, element: str, path: str, value: Value) -> tuple[str, ...]:
         """The files that a value of an input names; the value fits the input, where the document is sound."""
         if self._wrong(material, element):
@@ -561,8 +579,7 @@ class _Maker:
         found = external.check_files(document, file, self._allow_external)
         return tuple(map(self._relative, found))
 
-    @functools.lru_cache(maxsize=_KEPT)  # noqa: B019
-    def _as_read(self, material: str) -> tuple[mx.Document, list[Path]]:
+    def _read_now(self, material: str) -> tuple[mx.Document, list[Path]]:
         """A document, to be read only, and the files that its shaders are made of."""
         return documents.read_with_files(self._folder / material, allow_external=self._allow_external)
 
@@ -576,7 +593,7 @@ class _Maker:
         document.setDataLibrary(shared_library())
         return with_values(document, values, material)
 
-    @functools.cache  # noqa: B019
+    @_remembered
     def _unknown_alike(
         self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
     ) -> str:

@@ -197,7 +197,10 @@ def check_report(folder: Path, whole: object) -> None:
     assert read(folder) is None or isinstance(read(folder), Past)
 
 
-@pytest.mark.parametrize("workers", [False, True], ids=["without workers", "with workers"])
+IN_FULL = pytest.mark.skipif(not COUNT, reason="whole runs are for make faults")
+
+
+@pytest.mark.parametrize("workers", [False, pytest.param(True, marks=IN_FULL)], ids=["alone", "with workers"])
 def test_a_run_is_whole_after_resume(disk: Machine, template: Path, workers: bool):
     how = "cli" if workers else HERE
     expected: list[object] = []
@@ -277,6 +280,7 @@ def test_an_acceptance_leaves_the_old_image_or_the_new_one(disk: Machine, templa
     assert attempts(disk, template, try_at) > 10
 
 
+@IN_FULL
 def test_the_plugin_fails_its_tests_in_a_line_and_the_next_session_is_whole(disk: Machine, template: Path):
     accept = [
         "-q",

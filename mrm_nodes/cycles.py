@@ -81,7 +81,9 @@ def _sources(document: mx.Document) -> dict[str, list[str]]:
             continue
         path = owner.getNamePath()
         place = path if isinstance(owner, mx.Node) else f"{path}/{port.getName()}>"
-        scope = path if isinstance(port, mx.Output) else owner.getParent().getNamePath()
+        around = owner if isinstance(port, mx.Output) else owner.getParent()
+        # An input may stand in the document itself, where it means nothing.
+        scope = around.getNamePath() if around is not None else ""
         found = sources.setdefault(place, [])
         beside = f"{scope}/" if scope else ""
         node, graph, output, interface = map(

@@ -73,6 +73,13 @@ FOUND = {
         fuzzing.PATTERN.replace('name="ramp"', 'name="../../x"').replace('"ramp"', '"../../x"').encode(),
         "it is no material with a surface",
     ),
+    "an input beside the nodes": (
+        "document",
+        fuzzing.PATTERN.replace(
+            "<nodedef", '<input name="i" type="float" nodename="ramp" /><nodedef'
+        ).encode(),
+        "it is no material with a surface",
+    ),
     "glTF that lies deep within itself": ("gltf material", deep(100_000), "more than 100 objects and arrays"),
     "glTF that lies less deep": ("gltf material", deep(150), "more than 100 objects and arrays"),
     "a mesh that lies deep within itself": ("gltf", deep(100_000), "more than 100 objects and arrays"),

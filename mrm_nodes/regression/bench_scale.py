@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib
 import io
 import json
 import math
@@ -227,13 +228,13 @@ def _open(page: Path) -> tuple[int, dict[str, float]]:
     from mrm_nodes.render.webgl import INSTALL, find_browser
 
     try:
-        from playwright.sync_api import sync_playwright
+        playwright_api: Any = importlib.import_module("playwright.sync_api")
     except ImportError:
         raise MrmError(INSTALL) from None
     browser = find_browser()
     if browser is None:
         raise MrmError(INSTALL)
-    with sync_playwright() as playwright:
+    with playwright_api.sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=browser, args=["--no-sandbox"])
         opened = chromium.new_page()
         asked: list[str] = []

@@ -24,7 +24,7 @@ GOOD = [Nasty(f"good-{number}") for number in range(4)]
 REASONS = {
     "die": "the worker process died (signal 9), twice",
     "hang": f"no result within the time limit of {LIMIT:g} s, twice",
-    "exhaust memory": "Unable to allocate",
+    "exhaust memory": "needs more memory than the",
     "lose context": "the context is lost, twice",
     "raise": "RuntimeError: a fault of the case's own",
 }

@@ -3,7 +3,8 @@
 # make regress-full  more textured cases, each drawn first in a process of its own; MaterialX's own documents;
 #                the default suite with the cache and without
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
-# make clients   the same in every release of MaterialX, with its own tools and its own renderer; prints a table
+# make clients   the same in every release of MaterialX (or RELEASES), with its own tools and its own renderer; prints a
+#                table
 # make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
 #                coverage, for each reader
 # make faults    kill runs 200 times, fill the disk at every change, cut the power at every moment; hours
@@ -14,6 +15,7 @@
 PYTHON ?= python3
 BACKEND ?= all
 REPORT ?= report
+RELEASES ?=
 BIN := .venv/bin
 
 # They need compilers, a browser or an X server, which only `make targets` sets up.
@@ -45,7 +47,7 @@ targets: setup
 		$(TARGET_TESTS) tests/test_reference_outputs.py
 
 clients: targets
-	@sh .ci/clients
+	@sh .ci/clients $(RELEASES)
 
 fuzz: setup
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[fuzz]'

@@ -1,7 +1,9 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
-# make regress-full  more textured cases, each drawn first in a process of its own; MaterialX's own documents;
-#                the default suite with the cache and without
+# make regress-full  more textured cases, each drawn first in a process of its own; the default suite with the cache and
+#                without
+# make sweep     MaterialX's own documents, where they lie beside the checkout, through everything, beside its own
+#                renderer; ten minutes
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
 # make clients   the same in every release of MaterialX (or RELEASES), with its own tools and its own renderer; prints a
 #                table
@@ -22,10 +24,9 @@ BIN := .venv/bin
 TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_slang.py \
 	tests/test_materialx_renderer.py tests/test_report_browser.py
 
-# Minutes: MaterialX's own documents, where they lie beside the checkout, through everything.
-FULL_TESTS := tests/test_sweep.py
+SWEEP := tests/test_sweep.py
 
-.PHONY: regress regress-full test lint setup clean targets clients fuzz faults
+.PHONY: regress regress-full sweep test lint setup clean targets clients fuzz faults
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --scenes
@@ -33,11 +34,13 @@ regress: setup
 # What `make regress` has drawn comes from the cache.
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
-	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 $(FULL_TESTS) render_tests/test_cache_agrees.py \
-		render_tests/test_textured.py
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py render_tests/test_textured.py
+
+sweep: targets
+	$(BIN)/python -m pytest -q $(SWEEP)
 
 test: setup
-	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(FULL_TESTS:%=--ignore=%)
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(SWEEP:%=--ignore=%)
 
 # Here a compiler that is missing is a failure, where `make test` skips its tests.
 targets: setup

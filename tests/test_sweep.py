@@ -1,6 +1,6 @@
 """MaterialX's own documents through everything, where they lie beside the checkout; and its own renderer beside ours.
 
-`make regress-full` runs it; `python tests/sweep.py` prints the tables that it checks in docs/documents.md.
+`make sweep` runs it; `python tests/sweep.py` prints the tables that it checks in docs/documents.md.
 """
 
 from __future__ import annotations

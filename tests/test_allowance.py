@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -109,6 +110,15 @@ def ended(folder: Path, *arguments: str, **environment: str) -> tuple[int, list[
     return process.returncode, lines
 
 
+def failed(folder: Path, *limit: str) -> dict[str, Any]:
+    """The cases, by name, of the folder's suite, run within a limit; the run says that some did not pass."""
+    given = ("regress", "--suite", "suite.toml", "-o", "report", "--no-cache", "--jobs", "1")
+    status, _ = ended(folder, *given, *limit)
+    assert status == 1
+    report = json.loads((folder / "report/report.json").read_text())
+    return {each["name"]: each for each in report["cases"]}
+
+
 def spoil_vertices(folder: Path) -> None:
     (folder / "sitecustomize.py").write_text(SPOILT_VERTICES)
 
@@ -117,7 +127,8 @@ def spoil_vertices(folder: Path) -> None:
 def backend(request):
     (probe,) = probe_backends(request.param)
     if not probe.works:
-        pytest.skip(f"{request.param}: {probe.reason}")
+        is_required = request.param in os.environ.get("MRM_REQUIRE_BACKENDS", "").split(",")
+        (pytest.fail if is_required else pytest.skip)(f"{request.param}: {probe.reason}")
     return request.param
 
 
@@ -170,21 +181,7 @@ def test_a_case_whose_shader_never_ends_costs_itself(size, mesh, stage, folder):
         (folder / "endless.mtlx").write_text(FLAT)
     text = SUITE % (size, mesh) + '[[adjust]]\ncases = "metal*"\nsize = 8\nmesh = "box.obj"\n'
     (folder / "suite.toml").write_text(text)
-    given = (
-        "regress",
-        "--suite",
-        "suite.toml",
-        "-o",
-        "report",
-        "--no-cache",
-        "--jobs",
-        "1",
-        "--time-limit",
-        "10",
-    )
-    status, _ = ended(folder, *given)
-    assert status == 1
-    cases = {each["name"]: each for each in json.loads((folder / "report/report.json").read_text())["cases"]}
+    cases = failed(folder, "--time-limit", "10")
     endless = cases.pop("endless")
     assert endless["verdict"] == "error" and endless["fault"] == "time"
     assert endless["message"] == "no result within the time limit of 10 s, twice"
@@ -204,21 +201,7 @@ def test_render_takes_no_more_memory_than_it_may(folder):
 def test_nor_does_a_case(folder):
     (folder / "suite.toml").write_text(SUITE % (6000, "plane") + '[[adjust]]\ncases = "metal*"\nsize = 8\n')
     (folder / "endless.mtlx").write_text(FLAT)
-    given = (
-        "regress",
-        "--suite",
-        "suite.toml",
-        "-o",
-        "report",
-        "--no-cache",
-        "--jobs",
-        "1",
-        "--memory-limit",
-        "900",
-    )
-    status, _ = ended(folder, *given)
-    assert status == 1
-    cases = {each["name"]: each for each in json.loads((folder / "report/report.json").read_text())["cases"]}
+    cases = failed(folder, "--memory-limit", "900")
     large = cases.pop("endless")
     assert large["verdict"] == "error" and large["fault"] in ("memory", "worker")
     (other,) = cases.values()

@@ -23,6 +23,7 @@ __all__ = [
     "generate_shader",
     "library_path",
     "load_library",
+    "photometry",
     "reference",
     "render",
     "retrofit",
@@ -34,6 +35,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"mrm_nodes.{_PUBLIC[name]}"), name)
-    if name in ("reference", "render"):
+    if name in ("photometry", "reference", "render"):
         return importlib.import_module(f"mrm_nodes.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

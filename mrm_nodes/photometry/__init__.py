@@ -1,0 +1,25 @@
+"""Photometry of retroreflectors: the coefficients of the standards, of anything that scatters.
+
+This is help with a design, no certification: for that, a laboratory measures the sheet by the standard itself.
+"""
+
+from mrm_nodes.photometry.coefficients import (
+    diffuse_luminance,
+    half_width,
+    luminance_coefficient,
+    retroreflection,
+    total_retroreflectance,
+)
+from mrm_nodes.photometry.colour import luminance, night_chromaticity
+from mrm_nodes.photometry.geometry import directions
+
+__all__ = [
+    "diffuse_luminance",
+    "directions",
+    "half_width",
+    "luminance",
+    "luminance_coefficient",
+    "night_chromaticity",
+    "retroreflection",
+    "total_retroreflectance",
+]

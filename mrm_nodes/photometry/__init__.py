@@ -3,6 +3,7 @@
 This is help with a design, no certification: for that, a laboratory measures the sheet by the standard itself.
 """
 
+from mrm_nodes.photometry.classes import Requirement, RetroClass, Row, check, classes, find_class
 from mrm_nodes.photometry.coefficients import (
     diffuse_luminance,
     half_width,
@@ -14,8 +15,14 @@ from mrm_nodes.photometry.colour import luminance, night_chromaticity
 from mrm_nodes.photometry.geometry import directions
 
 __all__ = [
+    "Requirement",
+    "RetroClass",
+    "Row",
+    "check",
+    "classes",
     "diffuse_luminance",
     "directions",
+    "find_class",
     "half_width",
     "luminance",
     "luminance_coefficient",

@@ -2,7 +2,8 @@
 
 A BSDF here is any object with `eval(v, l)`, f in 1/sr without the cosine, shape (..., 3) or, for one channel, (...):
 the lobes and closures of `mrm_nodes.reference`, a document's material, a measured table. Results have three channels;
-`luminance` makes one of them. Angles are in degrees.
+`luminance` makes one of them. Angles are in degrees. What broadcasts its own n points with directions (..., 1, 3) has n
+of each quantity.
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def luminance_coefficient(
 
 
 def diffuse_luminance(bsdf: Scatterer, elevation: float = ROAD_ELEVATION) -> Array:
-    """The luminance coefficient under diffuse light Q_d in cd/(lx m²), (3,): ∫ f cosθ_l dω_l / π.
+    """The luminance coefficient under diffuse light Q_d in cd/(lx m²), (3,) or (n, 3): ∫ f cosθ_l dω_l / π.
 
     Luminance towards an eye so many degrees above the road per illuminance of the road by an even sky, by
     quadrature. Tables of road markings have mcd/(lx m²): a thousand times this.
@@ -77,22 +78,23 @@ def diffuse_luminance(bsdf: Scatterer, elevation: float = ROAD_ELEVATION) -> Arr
     angle = np.radians(elevation)
     v = np.array([0.0, np.cos(angle), np.sin(angle)])
     back = v * (-1.0, -1.0, 1.0)
-    total = np.zeros(3)
+    total = np.zeros((1, 3))
     for axis, other in ((v, back), (back, v)):
         l, solid_angle = _about_lobe(axis)  # noqa: E741
         # Each direction belongs to the lobe that it is nearer to, whose nodes are the denser ones there.
         near, far = (_slope(each, l) for each in (axis, other))
         share = far**2 / (near**2 + far**2)
-        total += np.sum(_evaluated(bsdf, v, l) * (l[:, 2] * solid_angle * share)[:, None], axis=0)
-    return total / np.pi
+        f = _evaluated(bsdf, v, l[:, None])
+        total = total + np.tensordot(l[:, 2] * solid_angle * share, f, axes=1) / np.pi
+    return _unless_one(total)
 
 
 def total_retroreflectance(
     bsdf: Scatterer, max_observation: float = 4.0, beta1: float = 0.0, beta2: float = 0.0
 ) -> Array:
-    """The share R_T of the light on the sheet that comes back within an observation angle, (3,): ∫ R_A / cosβ_l dω_v.
+    """The share R_T of the light on the sheet that comes back within an observation angle, ∫ R_A / cosβ_l dω_v.
 
-    By quadrature over the cone about the source. Source: ASTM E808.
+    By quadrature over the cone about the source; (3,) or (n, 3). Source: ASTM E808.
 
     Raises:
         MrmError: an observation angle outside of 0 to 180; as `directions`.
@@ -105,29 +107,27 @@ def total_retroreflectance(
     angle, weight = _logarithmic(np.radians(max_observation))
     azimuth = (np.arange(_AROUND) + 0.5) * (360.0 / _AROUND)
     v, l = around(np.degrees(angle)[:, None], azimuth, beta1, beta2)  # noqa: E741
-    seen = v[..., 2] > 0.0
-    f = np.zeros(v.shape)
-    f[seen] = _evaluated(bsdf, v[seen], l[seen])
-    solid_angle = (np.sin(angle) * weight)[:, None] * (2.0 * np.pi / _AROUND)
-    result: Array = np.sum(f * np.maximum(v[..., 2:], 0.0) * solid_angle[..., None], axis=(0, 1))
-    return result
+    share = v[..., 2] * (np.sin(angle) * weight)[:, None] * (2.0 * np.pi / _AROUND)
+    seen = share > 0.0
+    f = _evaluated(bsdf, v[seen][:, None], l[seen][:, None])
+    return _unless_one(np.tensordot(share[seen], f, axes=1))
 
 
 def half_width(bsdf: Scatterer, beta1: float = 5.0, beta2: float = 0.0) -> float:
     """The observation angle in degrees at which the luminance of R_A under illuminant A is half of that at 0.
 
-    NaN where there is none within 60°: nothing comes back, or as much everywhere.
+    Of several points their mean. NaN where there is none within 60°: nothing comes back, or as much everywhere.
 
     Raises:
         MrmError: as `directions`.
     """
     low = high = 0.0
-    peak = luminance(retroreflection(bsdf, 0.0, beta1, beta2))
+    peak = np.mean(luminance(retroreflection(bsdf, 0.0, beta1, beta2)))
     angles = np.concatenate([[0.0], np.geomspace(1e-4, 60.0, 241)])
     for _ in range(3):
         seen = around(angles, 0.0, beta1, beta2)[0][:, 2] > 1e-9
         angles = angles[seen]
-        value = luminance(retroreflection(bsdf, angles, beta1, beta2))
+        value = np.mean(luminance(retroreflection(bsdf, angles[:, None], beta1, beta2)), axis=-1)
         below = np.flatnonzero(value < 0.5 * peak)
         if not (peak > 0.0 and len(below)):
             return float("nan")
@@ -149,7 +149,12 @@ def _evaluated(bsdf: Scatterer, v: Array, l: Array) -> Array:  # noqa: E741
     shape = np.broadcast_shapes(v.shape, l.shape)
     if f.ndim < len(shape):
         f = f[..., None]
-    return np.broadcast_to(f, shape)
+    return np.broadcast_to(f, np.broadcast_shapes(f.shape, shape))
+
+
+def _unless_one(points: Array) -> Array:
+    """Values of n points (n, 3), or (3,) of one."""
+    return points[0] if len(points) == 1 else points
 
 
 def _logarithmic(largest: float) -> tuple[Array, Array]:

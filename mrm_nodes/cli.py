@@ -19,6 +19,7 @@ from mrm_nodes.commands.bench_regress import regress as bench_regress
 from mrm_nodes.commands.bench_regress import scale as bench_scale
 from mrm_nodes.commands.options import OWN_PROCESS, external_option, within_limits
 from mrm_nodes.commands.regress import merge, regress
+from mrm_nodes.commands.render import render
 from mrm_nodes.commands.scene import scene
 from mrm_nodes.commands.suite import suite
 from mrm_nodes.errors import MrmError, MrmWarning
@@ -123,85 +124,10 @@ def warmup() -> None:
 
 cli.add_command(baseline)
 cli.add_command(regress)
+cli.add_command(render)
 cli.add_command(scene)
 cli.add_command(suite)
 cli.add_command(merge)
-
-
-@cli.command()
-@click.argument("file", type=Path)
-@click.option(
-    "-o", "--output", type=Path, required=True, help="Image to write: .exr (float32, linear) or .png (sRGB)."
-)
-@click.option(
-    "--mesh",
-    default="sphere",
-    show_default=True,
-    help="sphere, plane, baluster, or an .obj, .gltf or .glb file.",
-)
-@click.option(
-    "--light",
-    "lights",
-    multiple=True,
-    help="camera[:r,g,b], directional:x,y,z[:r,g,b], point:x,y,z[:r,g,b] or "
-    "spot:x,y,z:dx,dy,dz[:r,g,b]; may be repeated.  [default: camera, or none with --env]",
-)
-@click.option(
-    "--camera",
-    help="x,y,z[:tx,ty,tz] or frame:dx,dy,dz, then :fov=, :width= or :up=.  [default: the whole mesh]",
-)
-@click.option("--env", "environment", help="Environment: sky, studio, or a latitude-longitude .hdr or .exr.")
-@click.option("--env-rotation", "rotation", type=float, help="Degrees to turn it about +y, from +z to +x.")
-@click.option("--env-layer", "layer", help="Layer of an .exr, where its colours are not what is meant.")
-@click.option("--env-samples", "samples", type=int, help="Directions for each lobe.  [default: 64]")
-@click.option("--size", default="512x512", show_default=True, metavar="WxH", help="Pixels.")
-@click.option("--element", help="Material to render, where the file has several.")
-@click.option("--backend", default="auto", show_default=True, help="egl, osmesa or auto.")
-@external_option
-@within_limits
-def render(
-    file: Path,
-    output: Path,
-    mesh: str,
-    lights: tuple[str, ...],
-    camera: str | None,
-    environment: str | None,
-    rotation: float | None,
-    layer: str | None,
-    samples: int | None,
-    size: str,
-    element: str | None,
-    backend: str,
-    allow_external: bool,
-) -> None:
-    """Render a material on a mesh."""
-    from mrm_nodes.files import prepare_folder
-    from mrm_nodes.render.environment import find_environment
-    from mrm_nodes.render.images import write_exr, write_png
-    from mrm_nodes.render.renderer import render as render_material
-    from mrm_nodes.shadergen import generate_shader
-
-    writers = {".exr": write_exr, ".png": write_png}
-    if output.suffix.lower() not in writers:
-        raise MrmError(f"{output}: unknown image ending {output.suffix or '(none)'}; use .exr or .png")
-    given = {"rotation": rotation, "layer": layer, "samples": samples}
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if environment is None and options:
-        raise MrmError(
-            "--env-rotation, --env-layer and --env-samples say how --env is used; name an environment"
-        )
-    around = None if environment is None else find_environment(environment, **options)
-    prepare_folder(output.parent)
-    rendered = render_material(
-        generate_shader(file, element=element, allow_external=allow_external),
-        mesh=mesh,
-        camera=camera,
-        lights=lights or (() if around else ("camera",)),
-        size=parse_size(size),
-        backend=backend,
-        environment=around,
-    )
-    writers[output.suffix.lower()](output, rendered.image)
 
 
 @cli.command()
@@ -545,17 +471,3 @@ def parse_setting(text: str) -> tuple[str, float | str]:
         return name, float(value)
     except ValueError:
         return name, value
-
-
-def parse_size(text: str) -> tuple[int, int]:
-    """Width and height from `WxH`.
-
-    Raises:
-        MrmError: anything else, or a side outside 1 to 16384.
-    """
-    width, _, height = text.lower().partition("x")
-    if not (width.isascii() and width.isdigit() and height.isascii() and height.isdigit()):
-        raise MrmError(f"size {text}: write width and height as 640x480")
-    if not (1 <= int(width) <= 16384 and 1 <= int(height) <= 16384):
-        raise MrmError(f"size {text}: each side is 1 to 16384 pixels")
-    return int(width), int(height)

@@ -11,6 +11,7 @@ import stat
 import tempfile
 import time
 import uuid
+from collections.abc import Mapping
 from pathlib import Path
 
 from mrm_nodes.errors import MrmError
@@ -37,6 +38,31 @@ def write_bytes(path: Path, contents: bytes) -> None:
         _write(path, contents, durably=False)
     except OSError as error:
         raise MrmError(f"{path}: cannot be written: {error.strerror}") from None
+
+
+def write_together(files: Mapping[Path, bytes]) -> None:
+    """Write several files, none of which appears before all are written.
+
+    Raises:
+        MrmError: one cannot be written; says which are there already, where that came so late.
+    """
+    unfinished: dict[Path, Path] = {}
+    placed: list[Path] = []
+    path = Path()
+    try:
+        for path, contents in files.items():
+            unfinished[path] = path.with_name(f"{UNFINISHED}{uuid.uuid4().hex}")
+            with unfinished[path].open("xb") as file:
+                file.write(contents)
+        for path, temporary in unfinished.items():
+            temporary.replace(path)
+            placed.append(path)
+    except OSError as error:
+        before = f"; written before it: {', '.join(map(str, placed))}" if placed else ""
+        raise MrmError(f"{path}: cannot be written: {error.strerror}{before}") from None
+    finally:
+        for temporary in unfinished.values():
+            temporary.unlink(missing_ok=True)
 
 
 def write_durably(path: Path, contents: bytes) -> None:

@@ -19,8 +19,9 @@ import fuzzing
 import numpy as np
 
 from mrm_nodes import cycles, documents, elements, external, filenames, values, xmltext
-from mrm_nodes.cli import parse_setting, parse_size
+from mrm_nodes.cli import parse_setting
 from mrm_nodes.commands.baseline import _Run
+from mrm_nodes.commands.options import parse_size
 from mrm_nodes.commands.regress import parse_shard
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import shared_library

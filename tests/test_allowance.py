@@ -162,10 +162,12 @@ def test_so_does_one_whose_vertices_never_end(folder):
         "many.glb",
         "--size",
         "8x8",
+        "--samples",
+        "1",
         "--time-limit",
         "20",
     )
-    assert ended(folder, *given) == (0, [])
+    assert ended(folder, *given)[0] == 0
     spoil_vertices(folder)
     (folder / "x.png").unlink()
     status, said = ended(folder, *given)

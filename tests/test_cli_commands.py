@@ -182,8 +182,8 @@ def test_render_writes_an_image(run, backend, tmp_path, ending):
     status, _, err = run("render", TAPE, "-o", image, *arguments)
     assert status == 0, err
     pixels = read_image(image)
-    assert pixels.shape == (30, 40, 3)
-    assert pixels.max() > 0.05
+    assert pixels.shape == (30, 40, 4)
+    assert pixels[..., :3].max() > 0.05
 
 
 def test_doctor_says_what_works(run, backend):

@@ -80,3 +80,18 @@ def keep_memory_limit(megabytes: int | None) -> None:
 
     if megabytes is not None:
         os.environ[MEMORY_VARIABLE] = str(megabytes)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height from `WxH`, or from one number that is both.
+
+    Raises:
+        MrmError: anything else, or a side outside 1 to 16384.
+    """
+    sides = text.lower().replace("×", "x").split("x")
+    if len(sides) > 2 or not all(side.isascii() and side.isdigit() and len(side) < 100 for side in sides):
+        raise MrmError(f"size {text}: write width and height as 640x480, or one number for both")
+    width, height = int(sides[0]), int(sides[-1])
+    if not (1 <= width <= 16384 and 1 <= height <= 16384):
+        raise MrmError(f"size {text}: each side is 1 to 16384 pixels")
+    return width, height

@@ -62,7 +62,7 @@ def write_pictures(
     for name, shown in pixels.items():
         write_exr(folder / f"{name}.exr", shown)
         # Covered pixels are opaque, so that the page's own background shows around the mesh.
-        write_png(folder / f"{name}.png", np.concatenate([shown, _alpha(mask, exposure)], -1), exposure)
+        write_png(folder / f"{name}.png", _with_alpha(shown, mask), exposure)
         files |= {name: f"{name}.png", f"{name}_data": f"{name}.exr"}
     maps = {
         name: np.where(mask, values, 0.0)
@@ -139,12 +139,12 @@ def heat_map(used: ArrayLike, mask: ArrayLike) -> Array:
     colors = _colors(height)
     over = ~(used <= 1.0)
     colors[over] = _linear(HEAT_OVER)
-    return np.concatenate([colors, _alpha(np.asarray(mask, bool), 0.0)], -1)
+    return _with_alpha(colors, mask)
 
 
 def flip_picture(flip: ArrayLike, mask: ArrayLike) -> Array:
     """Linear RGBA `(h, w, 4)` of FLIP in the heat map's colours, evenly from 0 to 1."""
-    return np.concatenate([_colors(np.asarray(flip, np.float64)), _alpha(np.asarray(mask, bool), 0.0)], -1)
+    return _with_alpha(_colors(np.asarray(flip, np.float64)), mask)
 
 
 def _colors(height: Array) -> Array:
@@ -153,9 +153,8 @@ def _colors(height: Array) -> Array:
     return np.stack([np.interp(height, at, stops[:, channel]) for channel in range(3)], -1)
 
 
-def _alpha(mask: NDArray[np.bool_], exposure: float) -> Array:
-    """An alpha channel that survives `write_png`'s exposure."""
-    return np.where(mask, 2.0**-exposure, 0.0)[..., None]
+def _with_alpha(colors: NDArray[Any], mask: ArrayLike) -> Array:
+    return np.concatenate([colors, np.asarray(mask, bool)[..., None]], -1)
 
 
 def _linear(color: str) -> Array:

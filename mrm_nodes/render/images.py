@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import write_bytes
 from mrm_nodes.render import imagelayers
+from mrm_nodes.render.tonemap import srgb_encoded
 
 #: Formats that hold one picture after another; what others have beside their first is a part of it.
 _PAGED = ("tiff", "gif", "webp")
@@ -81,6 +82,20 @@ def read_pixels(path: str | os.PathLike[str], kind: Any = oiio.UNKNOWN, layer: s
     return np.ascontiguousarray(pixels)
 
 
+def exr_bytes(array: NDArray[Any], name: str = "image") -> bytes:
+    """The bytes that `write_exr` writes. A fourth channel is alpha, and colours are multiplied with it.
+
+    name: what an error calls it.
+
+    Raises:
+        MrmError: it cannot be encoded.
+    """
+    pixels = np.ascontiguousarray(array, dtype=np.float32)
+    # Without a date of its own a file gets today's, and equal images would be different files.
+    # "zip" packs sixteen rows together: a third of the time of "zips", and smaller.
+    return _encoded(pixels, {"compression": "zip:1", "DateTime": "1970:01:01 00:00:00"}, "exr", name)
+
+
 def write_exr(path: str | os.PathLike[str], array: NDArray[Any]) -> None:
     """Write float32 EXR of an array of shape (height, width), or (height, width, channels), row 0 at the top.
 
@@ -89,10 +104,23 @@ def write_exr(path: str | os.PathLike[str], array: NDArray[Any]) -> None:
     Raises:
         MrmError: the folder or the file cannot be written.
     """
-    pixels = np.ascontiguousarray(array, dtype=np.float32)
-    # Without a date of its own a file gets today's, and equal images would be different files.
-    # "zip" packs sixteen rows together: a third of the time of "zips", and smaller.
-    _write(Path(path), pixels, {"compression": "zip:1", "DateTime": "1970:01:01 00:00:00"}, "exr")
+    write_bytes(Path(path), exr_bytes(array, str(path)))
+
+
+def png_bytes(pixels: NDArray[np.uint8], said: Mapping[str, str] | None = None, name: str = "image") -> bytes:
+    """The bytes of a PNG of sRGB's display values, (height, width) or (height, width, channels), row 0 at the top.
+
+    A fourth channel is alpha, and colours are not multiplied with it.
+
+    Args:
+        said: what the file says of itself, by keyword.
+        name: what an error calls it.
+
+    Raises:
+        MrmError: it cannot be encoded.
+    """
+    attributes: dict[str, str | int] = {"oiio:ColorSpace": "sRGB", "png:compressionLevel": 2}
+    return _encoded(pixels, attributes | {"oiio:UnassociatedAlpha": 1} | dict(said or {}), "png", name)
 
 
 def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float = 0.0) -> None:
@@ -101,46 +129,46 @@ def write_png(path: str | os.PathLike[str], array: NDArray[Any], exposure: float
     The file appears complete or not at all.
 
     Args:
-        array: shape (height, width) or (height, width, channels), row 0 at the top.
+        array: shape (height, width) or (height, width, channels), row 0 at the top. A fourth channel is alpha, which is
+            neither exposed nor encoded.
         exposure: stops to brighten by before the clipping.
 
     Raises:
         MrmError: the folder or the file cannot be written.
     """
     # float32 is more than 8 bits need, and its powers cost a tenth.
-    linear = np.asarray(array, dtype=np.float32) * np.float32(2.0**exposure)
-    linear = np.clip(np.nan_to_num(linear, copy=False, nan=0.0, posinf=1.0), 0.0, 1.0)
-    # IEC 61966-2-1
-    encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055)
-    attributes: dict[str, str | int] = {"oiio:ColorSpace": "sRGB", "png:compressionLevel": 2}
-    _write(Path(path), np.round(encoded * 255.0).astype(np.uint8), attributes, "png")
+    linear = np.atleast_3d(np.array(array, dtype=np.float32))
+    linear[..., :3] *= np.float32(2.0**exposure)
+    encoded = np.clip(np.nan_to_num(linear, copy=False, nan=0.0, posinf=1.0), 0.0, 1.0)
+    encoded[..., :3] = srgb_encoded(encoded[..., :3])
+    write_bytes(Path(path), png_bytes(np.round(encoded * 255.0).astype(np.uint8), name=str(path)))
 
 
-def _write(path: Path, pixels: NDArray[Any], attributes: dict[str, str | int], kind: str) -> None:
+def _encoded(pixels: NDArray[Any], attributes: Mapping[str, str | int], kind: str, name: str) -> bytes:
     if pixels.ndim == 2:
         pixels = pixels[..., None]
     if pixels.ndim != 3 or pixels.size == 0:
-        raise MrmError(f"{path}: an array of shape {pixels.shape} is not an image")
+        raise MrmError(f"{name}: an array of shape {pixels.shape} is not an image")
     height, width, channels = pixels.shape
     specification = oiio.ImageSpec(
         width, height, channels, oiio.UINT8 if pixels.dtype == np.uint8 else oiio.FLOAT
     )
-    for name, value in attributes.items():
-        specification.attribute(name, value)
+    for key, value in attributes.items():
+        specification.attribute(key, value)
     # OpenImageIO passes over some failures of a disk: it writes to memory, and what it wrote is then written whole.
     handle = os.memfd_create("image")
     place = f"/proc/self/fd/{handle}"
     try:
         target = oiio.ImageOutput.create(kind)
         if target is None:
-            raise MrmError(f"{path}: cannot be written: {_message(complaint_of(oiio.geterror))}")
-        written = target.open(place, specification) and target.write_image(pixels)
+            raise MrmError(f"{name}: cannot be written: {_message(complaint_of(oiio.geterror))}")
+        written = target.open(place, specification) and target.write_image(np.ascontiguousarray(pixels))
         complaint = complaint_of(target.geterror)
         if not (target.close() and written):
             raise MrmError(
-                f"{path}: cannot be written: {_message(complaint or complaint_of(target.geterror))}"
+                f"{name}: cannot be written: {_message(complaint or complaint_of(target.geterror))}"
             )
-        write_bytes(path, Path(place).read_bytes())
+        return Path(place).read_bytes()
     finally:
         os.close(handle)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import os
@@ -10,7 +11,8 @@ import time
 import warnings
 import weakref
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import MaterialX as mx
@@ -20,6 +22,8 @@ from numpy.typing import NDArray
 
 from mrm_nodes import filenames
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.files import write_bytes
+from mrm_nodes.render.antialias import sample_offsets
 from mrm_nodes.render.checks import CHECK_VARIABLE, check_draw
 from mrm_nodes.render.context import GLContext, get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
@@ -32,8 +36,10 @@ from mrm_nodes.render.gbuffer import (
     point_stages,
     sheet_stages,
 )
+from mrm_nodes.render.images import exr_bytes
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.picture import Developer, Development, Picture
 from mrm_nodes.render.recent import Recent
 from mrm_nodes.render.scene import Camera, Framing, Light, parse_camera, parse_light, vector
 from mrm_nodes.render.textures import Sampling, TextureCache, border_color, find_image
@@ -68,16 +74,22 @@ class RenderedImage:
     """An image and, from the same draw, the geometry that its shader saw: float32, row 0 at the top.
 
     Args:
-        image: (h, w, 3) linear radiance; 0 where nothing was drawn, and behind what is transparent.
+        image: (h, w, 3) linear radiance; 0 where nothing was drawn, and behind what is transparent: multiplied with
+            `alpha`. Of several samples the mean, while the geometry is that of the pixels' middles.
+        alpha: (h, w), how much of a pixel is covered, and how opaque by, 0 to 1.
         position, normal, tangent: (h, w, 3) in world space, as interpolated: not quite unit vectors.
         texcoord: (h, w, 2), as interpolated.
         mask: (h, w), True where the mesh covers the middle of the pixel, and is not cut out there (alpha below 0.001).
         camera: the camera that was used.
         backend, device: which OpenGL drew it.
         seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory.
+        environment: what was around it.
+        development: how a picture for eyes is made of it.
+        developed: that picture, where it was made as the samples were drawn.
     """
 
     image: Floats
+    alpha: Floats
     position: Floats
     normal: Floats
     tangent: Floats
@@ -87,6 +99,63 @@ class RenderedImage:
     backend: str
     device: str
     seconds: Mapping[str, float]
+    environment: Environment | None = None
+    development: Development = field(default_factory=Development)
+    developed: Picture | None = None
+
+    @functools.cached_property
+    def picture(self) -> Picture:
+        """What a screen shows of it.
+
+        Raises:
+            MrmError: see `Development.behind`.
+        """
+        return self.developed or self.developer().picture()
+
+    def developer(self) -> Developer:
+        """What develops the picture of this one sample, and takes others.
+
+        Raises:
+            MrmError: see `Development.behind`.
+        """
+        developer = Developer(self.development, self.image, self.alpha, self.environment, self.camera)
+        developer.add(self.image, self.alpha)
+        return developer
+
+    def file_bytes(self, path: str | os.PathLike[str]) -> bytes:
+        """The bytes of an image file, by the ending of its name: see `save`.
+
+        Raises:
+            MrmError: another ending; see `Development.behind`.
+        """
+        ending = Path(path).suffix.lower()
+        if ending not in IMAGE_ENDINGS:
+            raise MrmError(unknown_ending(path))
+        if ending == ".exr":
+            return exr_bytes(np.concatenate([self.image, self.alpha[..., None]], axis=-1), str(path))
+        return self.picture.png()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the image: .exr has linear radiance and alpha in float32, .png what a screen shows.
+
+        The file appears complete or not at all.
+
+        Raises:
+            MrmError: another ending; a folder that cannot be written; see `Development.behind`.
+        """
+        write_bytes(Path(path), self.file_bytes(path))
+
+    def _repr_png_(self) -> bytes:
+        """What a notebook shows."""
+        return self.picture.png()
+
+
+IMAGE_ENDINGS = (".exr", ".png")
+
+
+def unknown_ending(path: str | os.PathLike[str], endings: Sequence[str] = IMAGE_ENDINGS) -> str:
+    """What to say of a file that is to be an image and has another ending."""
+    return f"{path}: unknown image ending {Path(path).suffix or '(none)'}; use {' or '.join(endings)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +295,7 @@ class Renderer:
         uniforms: Mapping[str, Any] | None = None,
         environment: Environment | None = None,
         visible: tuple[Shader, Mapping[str, Any]] | None = None,
+        offset: tuple[float, float] = (0.0, 0.0),
     ) -> RenderedImage:
         """Draw a mesh with one sample in the middle of each pixel.
 
@@ -240,6 +310,7 @@ class Renderer:
             environment: black by default.
             visible: a surface, with its `uniforms`: only where that is seen anything is drawn, holes of an alpha mask
                 and what is behind them included.
+            offset: of the samples from the pixels' middles, in pixels to the right and upwards.
 
         Raises:
             MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN;
@@ -253,6 +324,10 @@ class Renderer:
             camera = camera.camera(mesh.center, mesh.radius, aspect, mesh.positions)
         near, far = camera.clip_distances(mesh.center, mesh.radius)
         view_projection = camera.projection_matrix(aspect, near, far) @ camera.view_matrix()
+        if any(offset):
+            shift = np.eye(4)
+            shift[:2, 3] = -2.0 * offset[0] / width, -2.0 * offset[1] / height
+            view_projection = shift @ view_projection
         values = uniforms_of(shader, uniforms)
         if mesh.colors is None and " i_color_0;" in shader.vertex:
             _warn(
@@ -285,24 +360,30 @@ class Renderer:
                 lambda given: self._draw_parts(shader, program, parts, images, textures, target, given),
                 state,
             )
-            (image, _), (position, covered), (normal, u), (tangent, v) = map(
+            (image, opacity), (position, covered), (normal, u), (tangent, v) = map(
                 target.read_split, range(TARGETS)
             )
+            mask = covered > 0.5
+            # The fourth number of a colour that is not blended is no opacity.
+            blends = ALPHA_THRESHOLD in program.uniforms
+            alpha = np.where(mask, np.clip(opacity, 0.0, 1.0) if blends else np.float32(1.0), np.float32(0.0))
             texcoord = np.stack([u, v], axis=-1)
             if program.targets > TARGETS:
                 texcoord = np.ascontiguousarray(target.read_split(TARGETS)[0][..., :2])
             finished = time.perf_counter()
             return RenderedImage(
                 image=image,
+                alpha=alpha,
                 position=position,
                 normal=normal,
                 tangent=tangent,
                 texcoord=texcoord,
-                mask=covered > 0.5,
+                mask=mask,
                 camera=camera,
                 backend=self.backend,
                 device=self.device,
                 seconds={"compile": compiled - started if is_new else 0.0, "render": finished - compiled},
+                environment=environment,
             )
 
         return self._run(draw)
@@ -322,7 +403,10 @@ class Renderer:
         draw(state)
         program.uniforms[ALPHA_THRESHOLD].value = _VISIBLE
         ctx.enable(moderngl.BLEND)
-        ctx.blend_func = moderngl.SRC_ALPHA, moderngl.ONE_MINUS_SRC_ALPHA
+        # Alpha adds up as coverage does: colours are multiplied with it then, over black.
+        over = moderngl.ONE_MINUS_SRC_ALPHA
+        factors: Any = (moderngl.SRC_ALPHA, over, moderngl.ONE, over)
+        ctx.blend_func = factors
         draw({**state, **_BLENDING})
         ctx.disable(moderngl.BLEND)
 
@@ -846,6 +930,11 @@ def render(
     backend: str = "auto",
     uniforms: Mapping[str, Any] | None = None,
     environment: str | os.PathLike[str] | Environment | None = None,
+    samples: int = 1,
+    exposure: float | str = "auto",
+    tonemap: str = "neutral",
+    background: str | None = None,
+    drawn: Callable[[], object] = lambda: None,
 ) -> RenderedImage:
     """Render a material on a mesh; without a light and an environment the image is black.
 
@@ -862,11 +951,17 @@ def render(
         backend: `egl`, `osmesa`, or `auto` for the first of them that works.
         uniforms: values in place of the material's: see `Renderer.render`.
         environment: `sky`, `studio`, a latitude-longitude map (.hdr, .exr) or an Environment; black by default.
+        samples: of each pixel. `image` and `alpha` are their mean; a picture is the mean of tone-mapped samples.
+        exposure, tonemap, background: how a picture is made of it, to be saved as .png or shown by a notebook: see
+            `Development`. They change nothing of `image`, nor of an .exr.
+        drawn: called after each draw, of which there are `draws_of(samples)`.
 
     Raises:
         MrmError: any of these is unreadable, unknown, out of range or NaN; the shader does not compile; there
             is no OpenGL; a draw takes longer than half an hour (`MRM_DRAW_SECONDS`); a forked process.
     """
+    offsets = sample_offsets(samples)
+    development = Development(exposure, tonemap, background)
     # A forked child must hear of it before it touches anything that has threads of its own.
     renderer = shared_renderer(backend)
     listed = [lights] if isinstance(lights, str | Light) else lights
@@ -875,7 +970,43 @@ def render(
     loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
     shader = material if isinstance(material, Shader) else generate_shader(material, varying=uniforms or ())
     around = environment if isinstance(environment, Environment | None) else find_environment(environment)
-    return renderer.render(shader, loaded, parsed_camera, parsed_lights, size, uniforms, around)
+    development.behind(around)
+
+    def draw(offset: tuple[float, float]) -> RenderedImage:
+        image = renderer.render(
+            shader, loaded, parsed_camera, parsed_lights, size, uniforms, around, offset=offset
+        )
+        drawn()
+        return image
+
+    middle = replace(draw((0.0, 0.0)), development=development)
+    return middle if samples == 1 else _supersampled(middle, draw, offsets.tolist())
+
+
+def draws_of(samples: int) -> int:
+    """How many draws `samples` take: the middle is one of an odd number."""
+    return samples if samples % 2 else samples + 1
+
+
+def _supersampled(
+    middle: RenderedImage,
+    draw: Callable[[tuple[float, float]], RenderedImage],
+    offsets: Sequence[tuple[float, float]],
+) -> RenderedImage:
+    """Return the mean of several samples of each pixel, and its picture.
+
+    middle: the sample in the middle, from which exposure and geometry are.
+    """
+    image, alpha = np.zeros_like(middle.image), np.zeros_like(middle.alpha)
+    developer = Developer(middle.development, middle.image, middle.alpha, middle.environment, middle.camera)
+    for x, y in offsets:
+        sample = middle if x == y == 0.0 else draw((x, y))
+        image += sample.image
+        alpha += sample.alpha
+        developer.add(sample.image, sample.alpha, (x, y))
+    image /= np.float32(len(offsets))
+    alpha /= np.float32(len(offsets))
+    return replace(middle, image=image, alpha=alpha, developed=developer.picture())
 
 
 _RENDERERS: dict[str, Renderer] = {}

@@ -222,11 +222,13 @@ def test_edges_agree_with_very_many_samples_and_nothing_else_changes(backend, ta
     assert np.abs(over_grey(many) - over_grey(reference))[edge].mean() < 4
     assert np.abs(over_grey(one) - over_grey(reference))[edge].mean() > 10
     assert np.array_equal(many.alpha[~edge], one.mask[~edge])
-    assert np.abs(over_grey(many) - over_grey(one))[~edge].mean() < 0.25
+    inside = one.mask & ~edge
+    assert np.abs(over_grey(many) - over_grey(reference))[inside].max() < 1.5
+    assert np.median(np.abs(over_grey(many) - over_grey(one))[inside]) < 1
     assert np.array_equal(many.mask, one.mask) and np.array_equal(many.normal, one.normal)
-    # A mean of radiance would be white wherever a tenth is covered.
-    shown = many.picture.pixels.max(axis=-1)
-    assert np.abs(shown - many.alpha * np.median(shown[many.alpha == 1]))[edge].mean() < 0.03
+    # Where all is white, what is half covered is half as bright: a mean of radiance would be white there too.
+    white = drawn(tape, samples=16, exposure=12.0, **options)
+    assert np.abs(white.picture.pixels.max(axis=-1) - white.alpha)[edge].mean() < 0.02
 
 
 def test_samples_are_spread_evenly_about_the_middle():

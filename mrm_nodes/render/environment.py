@@ -101,6 +101,12 @@ class Environment:
         other.__dict__.update(levels=self.levels, irradiance=self.irradiance)
         return other
 
+    def turned(self, degrees: float) -> Environment:
+        """Return the same light turned further about +y, from +z towards +x; its maps are not made again."""
+        other = replace(self, rotation=math.fmod(self.rotation + degrees, 360.0))
+        other.__dict__.update(levels=self.levels, irradiance=self.irradiance)
+        return other
+
     @functools.cached_property
     def irradiance(self) -> Floats:
         """Irradiance over π by normal, in the same projection: a white Lambertian's radiance."""

@@ -46,8 +46,15 @@ class Picture:
 
     def png(self) -> bytes:
         """The bytes of an 8-bit PNG, which says how it was exposed and tone-mapped."""
-        pixels = np.round(self.encoded() * 255.0).astype(np.uint8)
-        return png_bytes(pixels, {"mrm:exposure": f"{self.exposure:.2f}", "mrm:tonemap": self.tonemap})
+        return png_bytes(self.codes(), self.said())
+
+    def codes(self) -> NDArray[np.uint8]:
+        """What `encoded` returns, in 8 bits."""
+        return np.round(self.encoded() * 255.0).astype(np.uint8)
+
+    def said(self) -> dict[str, str]:
+        """What a PNG says of itself, by keyword."""
+        return {"mrm:exposure": f"{self.exposure:.2f}", "mrm:tonemap": self.tonemap}
 
     def summary(self) -> str:
         """One line: exposure, tone mapping, and how much was clipped."""

@@ -12,12 +12,17 @@ from mrm_nodes.photometry.coefficients import (
     total_retroreflectance,
 )
 from mrm_nodes.photometry.colour import luminance, night_chromaticity
+from mrm_nodes.photometry.design import Design, material_for
 from mrm_nodes.photometry.geometry import directions
+from mrm_nodes.photometry.sheet import Sheet, SheetPoints, read_sheet
 
 __all__ = [
+    "Design",
     "Requirement",
     "RetroClass",
     "Row",
+    "Sheet",
+    "SheetPoints",
     "check",
     "classes",
     "diffuse_luminance",
@@ -26,7 +31,9 @@ __all__ = [
     "half_width",
     "luminance",
     "luminance_coefficient",
+    "material_for",
     "night_chromaticity",
+    "read_sheet",
     "retroreflection",
     "total_retroreflectance",
 ]

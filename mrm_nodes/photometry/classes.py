@@ -8,12 +8,13 @@ from __future__ import annotations
 import functools
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, unknown
 from mrm_nodes.photometry.coefficients import (
@@ -25,6 +26,7 @@ from mrm_nodes.photometry.coefficients import (
 from mrm_nodes.photometry.colour import luminance
 from mrm_nodes.photometry.geometry import ROAD_ENTRANCE, ROAD_OBSERVATION
 
+Array = NDArray[np.float64]
 Quantity = Literal["R_A", "R_L", "Q_d"]
 UNITS: dict[Quantity, str] = {"R_A": "cd/(lx m²)", "R_L": "mcd/(lx m²)", "Q_d": "mcd/(lx m²)"}
 """What each quantity is given in; roads have a thousandth of what sheets have."""
@@ -136,19 +138,22 @@ def check(bsdf: Scatterer, name: str, colour: str | None = None) -> list[Row]:
     Raises:
         MrmError: no such class, or colour of it.
     """
-    return [_row(bsdf, each) for each in find_class(name).of(colour)]
+    asked = find_class(name).of(colour)
+    return [
+        Row(each, float(points.mean()), float(points.min()), float(points.max()))
+        for each, points in zip(asked, values(bsdf, asked), strict=True)
+    ]
 
 
-def _row(bsdf: Scatterer, asked: Requirement) -> Row:
-    angles = np.reshape([asked.observation or 0.0, asked.beta1 or 0.0], (2, 1))
-    if asked.quantity == "Q_d":
-        found = diffuse_luminance(bsdf) * 1e3
-    elif asked.quantity == "R_L":
-        found = luminance_coefficient(bsdf, *angles) * 1e3
-    else:
-        found = retroreflection(bsdf, *angles)
-    values = np.ravel(luminance(found))
-    return Row(asked, float(values.mean()), float(values.min()), float(values.max()))
+def values(bsdf: Scatterer, asked: Sequence[Requirement]) -> Array:
+    """What a BSDF has in the geometries of requirements of one quantity, (..., n points): luminances, in its unit."""
+    quantity = asked[0].quantity
+    if quantity == "Q_d":
+        return np.reshape(luminance(diffuse_luminance(bsdf) * 1e3), (len(asked), -1))
+    angles = np.array([(each.observation, each.beta1) for each in asked]).T[..., None]
+    if quantity == "R_L":
+        return luminance(luminance_coefficient(bsdf, *angles) * 1e3)
+    return luminance(retroreflection(bsdf, *angles))
 
 
 def _plain(name: str) -> str:

@@ -72,6 +72,18 @@ def shade_tree(
     return reference, Bounds(bounds.max_rel + allowed, bounds.p999_rel + allowed)
 
 
+def respond(tree: Tree, points: Points, direction: Array, resolve: Resolve) -> Array:
+    """The response `(n, 3)` to light from directions `(n, 3)` in world space, each lobe's cosine included.
+
+    Raises:
+        MrmError: as `shade_tree`.
+    """
+    try:
+        return _Placed(points, resolve).tree(tree, _Response).eval(_view(points), direction)
+    except ValueError as error:
+        raise MrmError(f"the evaluator: {error}") from None
+
+
 def light_tree(tree: Tree, points: Points, environment: Environment, resolve: Resolve) -> Estimate:
     """Radiance `(n, 3)` towards the camera from an environment, with the standard error of its integral.
 

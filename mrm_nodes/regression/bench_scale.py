@@ -51,8 +51,9 @@ _SURFACES: Mapping[str, tuple[str, Mapping[str, str]]] = {
 def write_suite(folder: Path, count: int) -> Path:
     """Write a suite of so many cases, five of each material, and return its file.
 
-    No two documents are equal: the finished materials with names and a colour of their own, and whole surfaces as an
-    exporter writes them.
+    No two documents are equal: the finished materials with a colour of their own, and whole surfaces. The nodes of
+    one kind have the same names in each, as an exporter writes them from its template: they share a shader. Nodes
+    with names of their own would cost a compilation a material.
     """
     rng = random.Random(0)
     finished = {file.stem: file.read_text("utf-8") for file in sorted(materials_path().glob("*.mtlx"))}
@@ -64,7 +65,7 @@ def write_suite(folder: Path, count: int) -> Path:
         kind, name = kinds[number % len(kinds)], f"{kinds[number % len(kinds)]}_{number:05}"
         blue = f"{rng.uniform(0.1, 0.9):.4f}"
         if kind in finished:
-            text = finished[kind].replace(kind, name)
+            text = finished[kind].replace(f'surfacematerial name="{kind}"', f'surfacematerial name="{name}"')
             text = re.sub(r'(color" type="color3" value=")[^"]*', rf"\g<1>0.4, 0.3, {blue}", text, count=1)
         else:
             text = _surface(kind, name, blue)

@@ -52,7 +52,12 @@ T = TypeVar("T")
 #: Points of one draw; more are drawn in turns, so that memory stays modest.
 POINTS_PER_DRAW = 1 << 20
 
-_KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS, _KEPT_ENVIRONMENTS = 64, 16, 2, 4
+_KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS, _KEPT_ENVIRONMENTS = (
+    8,
+    16,
+    2,
+    4,
+)  # a program: to 65 MB with llvmpipe
 #: A pixel takes 128 bytes on the GPU and in memory.
 _MAX_PIXELS = 8192 * 8192
 

@@ -22,7 +22,7 @@ BIN := .venv/bin
 
 # They need compilers, a browser or an X server, which only `make targets` sets up.
 TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_slang.py \
-	tests/test_materialx_renderer.py tests/test_report_browser.py
+	tests/test_materialx_renderer.py tests/test_report_browser.py tests/test_tonemap_three.py
 
 SWEEP := tests/test_sweep.py
 

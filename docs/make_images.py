@@ -1,20 +1,27 @@
-"""Draws docs/images/materials.png, the README's picture: `python docs/make_images.py`.
+"""Draws the README's pictures into docs/images: `python docs/make_images.py`, or with the names of some of them.
 
-Each finished material on the baluster, with the light at the camera and 30 degrees beside it.
+`materials`: each finished material on the baluster, with the light at the camera and 30 degrees beside it, both at one
+exposure; the others are the scenes of `mrm-nodes scene`. All take a quarter of an hour.
 """
 
 from __future__ import annotations
 
+import io
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio
 from numpy.typing import NDArray
+from PIL import Image
 
+from mrm_nodes.files import write_bytes
 from mrm_nodes.library import materials_path
-from mrm_nodes.render import CameraLight, Framing, Light, PointLight, baluster, render, write_png
+from mrm_nodes.render import CameraLight, Framing, Light, PointLight, baluster, render
+from mrm_nodes.render.sheet import labelled
+from mrm_nodes.render.tonemap import srgb_encoded
+from mrm_nodes.scenes import TITLES, draw
 
 MATERIALS = {
     "hi_vis_tape": "hi-vis tape",
@@ -25,18 +32,27 @@ MATERIALS = {
     "yellow_tape": "yellow tape",
 }
 ROWS = ("light at the camera", "light 30° away")
-PICTURE = Path(__file__).parent / "images" / "materials.png"
+FOLDER = Path(__file__).parent / "images"
 
-TILE = (150, 268)  # width and height of one picture in pixels
-SAMPLES = 3  # per pixel and direction
-GAP, LABEL, TEXT = 6, 26, 15
-EXPOSURE, SHOULDER = 1.4, 0.6
+TILE = (300, 536)  # width and height of one picture in pixels
+SAMPLES = 25  # of a pixel
+SCALE, SCENE_SAMPLES = 2.0, 2
+GAP, LABEL, TEXT = 12, 52, 30
+GROUND = 0.012
+QUALITY = 82
 
-Floats = NDArray[np.float64]
+Floats = NDArray[np.float32]
 
 
-def main() -> None:
-    """Render every material under both lights, and write the contact sheet."""
+def main(names: list[str]) -> None:
+    """Draw pictures of those names, all by default."""
+    for name in names or ["materials", *TITLES]:
+        picture = materials() if name == "materials" else draw(name, scale=SCALE, samples=SCENE_SAMPLES)
+        save(FOLDER / f"{'' if name == 'materials' else 'scene-'}{name}.webp", picture)
+
+
+def materials() -> Floats:
+    """Return every material under both lights, as a contact sheet of linear light of a screen."""
     mesh = baluster()
     framing = Framing(direction=(0.0, 0.28, 1.0), fov=30.0)
     camera = framing.camera(mesh.center, 0.99 * mesh.radius, 1.0)
@@ -44,23 +60,24 @@ def main() -> None:
         CameraLight(),
         PointLight(turned_about_y(camera.position, mesh.center, 30.0), decay_rate=0.0),
     )
-    sheet = np.zeros((LABEL + 2 * (LABEL + TILE[1]) + GAP, GAP + len(MATERIALS) * (TILE[0] + GAP), 3))
+    size = (LABEL + 2 * (LABEL + TILE[1]) + GAP, GAP + len(MATERIALS) * (TILE[0] + GAP), 3)
+    sheet = np.full(size, GROUND, np.float32)
+    written = [
+        (text, sheet.shape[1] // 2, 3 * LABEL // 2 + row * (TILE[1] + LABEL)) for row, text in enumerate(ROWS)
+    ]
     for column, (name, label) in enumerate(MATERIALS.items()):
         left = GAP + column * (TILE[0] + GAP)
+        exposure: float | str = "auto"
         for row, light in enumerate(lights):
             top = 2 * LABEL + row * (TILE[1] + LABEL)
-            image = render(
-                materials_path() / f"{name}.mtlx",
-                mesh=mesh,
-                camera=camera,
-                lights=[light],
-                size=(SAMPLES * TILE[0], SAMPLES * TILE[1]),
-            ).image
-            sheet[top : top + TILE[1], left : left + TILE[0]] = reduced(displayed(image))
-        write_label(sheet, label, left + TILE[0] // 2, LABEL // 2)
-    for row, text in enumerate(ROWS):
-        write_label(sheet, text, sheet.shape[1] // 2, 3 * LABEL // 2 + row * (TILE[1] + LABEL))
-    write_png(PICTURE, sheet)
+            material = materials_path() / f"{name}.mtlx"
+            picture = render(material, mesh, camera, light, TILE, samples=SAMPLES, exposure=exposure).picture
+            exposure = picture.exposure
+            assert picture.alpha is not None
+            around = GROUND * (1.0 - picture.alpha[..., None])
+            sheet[top : top + TILE[1], left : left + TILE[0]] = picture.pixels + around
+        written.append((label, left + TILE[0] // 2, LABEL // 2))
+    return labelled(sheet, written, TEXT)
 
 
 def turned_about_y(point: Any, center: Any, degrees: float) -> tuple[float, float, float]:
@@ -70,31 +87,13 @@ def turned_about_y(point: Any, center: Any, degrees: float) -> tuple[float, floa
     return (center[0] + cosine * x + sine * z, center[1] + y, center[2] - sine * x + cosine * z)
 
 
-def displayed(radiance: NDArray[np.float32]) -> Floats:
-    """Map linear radiance to linear display values, the same for every tile: unchanged up to a shoulder."""
-    exposed = EXPOSURE * radiance.astype(np.float64)
-    room = 1.0 - SHOULDER
-    above = np.maximum(exposed - SHOULDER, 0.0) / room
-    return np.minimum(exposed, SHOULDER) + room * (1.0 - np.exp(-above))
-
-
-def reduced(image: Floats) -> Floats:
-    """Average the samples of each pixel."""
-    height, width = image.shape[0] // SAMPLES, image.shape[1] // SAMPLES
-    averages: Floats = image.reshape(height, SAMPLES, width, SAMPLES, 3).mean(axis=(1, 3))
-    return averages
-
-
-def write_label(sheet: Floats, text: str, x: int, y: int) -> None:
-    """Write light grey text, centred on (x, y), into the sheet."""
-    canvas = oiio.ImageBuf(np.ascontiguousarray(sheet, dtype=np.float32))
-    grey = (0.6, 0.6, 0.6)
-    if not oiio.ImageBufAlgo.render_text(
-        canvas, x, y, text, TEXT, textcolor=grey, alignx="center", aligny="center"
-    ):
-        raise RuntimeError(canvas.geterror())
-    sheet[...] = canvas.get_pixels(oiio.FLOAT)
+def save(path: Path, picture: Floats) -> None:
+    """Write linear light of a screen as WebP: such pictures are large as PNG."""
+    codes = np.round(srgb_encoded(np.clip(picture, 0.0, 1.0)) * 255.0).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "WEBP", quality=QUALITY, method=6)
+    write_bytes(path, file.getvalue())
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

@@ -95,3 +95,27 @@ def test_an_unknown_ending_leaves_no_folder(tmp_path: Path) -> None:
     result = CliRunner().invoke(cli, ["scene", "figure3", "-o", str(tmp_path / "folder" / "a.gif")])
     assert isinstance(result.exception, MrmError)
     assert not (tmp_path / "folder").exists()
+
+
+@needs_gl
+def test_samples_of_a_scene_are_tone_mapped_before_the_mean(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A mean of radiance leaves the edge of what is hundreds of times white as jagged as one sample."""
+    black = (0.0, 0.0, 0.0)
+    monkeypatch.setattr("mrm_nodes.scenes.figures.grey", lambda exposure: (black, black))
+    bright = draw("figure3", "sphere", 0.1, 4, exposure=10.0, tonemap="none")
+    shown = bright[:, 54:75].max(axis=-1)
+    edges = shown[(shown > 0.1) & (shown < 0.9)]
+    assert shown.max() == 1.0
+    assert len(edges) > 4, "pixels that are partly covered are partly bright"
+
+
+def test_scene_options_are_checked_before_anything_is_drawn(tmp_path: Path) -> None:
+    for options, message in (
+        (["--tonemap", "neutrl"], "did you mean neutral"),
+        (["--exposure", "auto"], "have their own"),
+        (["--exposure", "x"], "exposure x: write auto, or stops"),
+    ):
+        given = ["scene", "figure3", "-o", str(tmp_path / "folder" / "a.png"), *options]
+        result = CliRunner().invoke(cli, given)
+        assert isinstance(result.exception, MrmError) and message in str(result.exception)
+        assert not (tmp_path / "folder").exists()

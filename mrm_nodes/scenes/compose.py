@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -68,9 +68,34 @@ Rows = list[list[tuple[Scene, tuple[int, int]]]]
 
 
 def render(scene: Scene, size: tuple[int, int], samples: int = 2, shadows: float = 1.0) -> Array:
-    """Return the linear picture (h, w, 3); every pixel is the mean of samples × samples.
+    """Return the linear picture (h, w, 3); every pixel is the mean of samples × samples, as `sampled` has them."""
+    return reduced(sampled(scene, size, samples, shadows), samples)
 
-    shadows: share of their resolution and of their samples that is used, above 0.
+
+def reduced(picture: Array, samples: int) -> Array:
+    """Return the means of samples × samples pixels."""
+    height, width = picture.shape[0] // samples, picture.shape[1] // samples
+    mean: Array = picture.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
+    return mean
+
+
+def steps(scene: Scene) -> int:
+    """How often `sampled` calls back."""
+    return (len(_merged(scene.things)) + 1) * len(scene.lamps)
+
+
+def sampled(
+    scene: Scene,
+    size: tuple[int, int],
+    samples: int = 2,
+    shadows: float = 1.0,
+    drawn: Callable[[], object] = lambda: None,
+) -> Array:
+    """Return every sample of the linear picture, (samples h, samples w, 3).
+
+    Args:
+        shadows: share of their resolution and of their samples that is used, above 0.
+        drawn: called after each of the `steps`.
     """
     renderer = shared_renderer()
     width, height = size[0] * samples, size[1] * samples
@@ -87,13 +112,14 @@ def render(scene: Scene, size: tuple[int, int], samples: int = 2, shadows: float
     for thing in _merged(scene.things):
         nearer = None
         for index, lamp in enumerate(scene.lamps):
-            drawn = renderer.render(thing.shader, thing.mesh, camera, [lamp.light], (width, height))
+            image = renderer.render(thing.shader, thing.mesh, camera, [lamp.light], (width, height))
             if nearer is None:
-                distance = np.linalg.norm(drawn.position - np.array(camera.position), axis=-1)
-                nearer = drawn.mask & (distance < depth)
-                depth[nearer], position[nearer] = distance[nearer], drawn.position[nearer]
-                normal[nearer] = drawn.normal[nearer]
-            radiance[index][nearer] = drawn.image[nearer]
+                distance = np.linalg.norm(image.position - np.array(camera.position), axis=-1)
+                nearer = image.mask & (distance < depth)
+                depth[nearer], position[nearer] = distance[nearer], image.position[nearer]
+                normal[nearer] = image.normal[nearer]
+            radiance[index][nearer] = image.image[nearer]
+            drawn()
 
     seen = np.isfinite(depth)
     casting = [thing.mesh for thing in scene.things if thing.casts_shadow]
@@ -110,9 +136,9 @@ def render(scene: Scene, size: tuple[int, int], samples: int = 2, shadows: float
         )
         lit = _visibility(scene, casters, coarse, position[seen], normal[seen])
         total += radiance[index][seen] * lit[:, None]
+        drawn()
     picture[seen] = total
-    mean: Array = picture.reshape(size[1], samples, size[0], samples, 3).mean(axis=(1, 3))
-    return mean
+    return picture
 
 
 SKY = (0.62, 0.74, 0.95)
@@ -138,20 +164,6 @@ def _merged(things: Sequence[Thing]) -> list[Thing]:
         by_shader.setdefault(id(thing.shader), []).append(thing)
     groups = by_shader.values()
     return [Thing(joined("group", [thing.mesh for thing in group]), group[0].shader) for group in groups]
-
-
-def display(picture: Array, exposure: float) -> Array:
-    """Return display values from 0 to 1, linear: what is bright rolls off to white and keeps its hue for long."""
-    x = np.maximum(picture, 0.0) * 2.0**exposure
-    peak = x.max(axis=-1, keepdims=True)
-    # Linear up to the knee, then an asymptote at 1.
-    knee = 0.6
-    over = np.maximum(peak - knee, 0.0)
-    rolled = np.where(peak > knee, knee + (1.0 - knee) * (1.0 - np.exp(-over / (1.0 - knee))), peak)
-    hue = x * (rolled / np.maximum(peak, 1e-9))
-    white = np.clip((np.log2(np.maximum(peak, 1e-9)) - 0.5) / 4.0, 0.0, 0.6)
-    shown: Array = np.clip(hue + (rolled - hue) * white, 0.0, 1.0)
-    return shown
 
 
 def _visibility(scene: Scene, casters: Mesh | None, lamp: Lamp, position: Array, normal: Array) -> Array:

@@ -69,14 +69,34 @@ def scene() -> Rows:
     camera = Camera((0.35, 0.62, 2.45), (0.13, 0.325, -0.15), fov=30.0)
     room = Room((0.1, 0.3, -0.3), 1.6)
     sun = Lamp(DirectionalLight((0.62, -0.72, -0.42), (1.0, 0.93, 0.82), 3.6), 0.02, 8, 1024)
-    day = Scene(things, camera, [sun, *dome(0.55)], ((0.5, 0.55, 0.6), (0.35, 0.5, 0.8)), 0.25, room=room)
+    day = Scene(things, camera, [sun, *dome(0.55)], ((0.5, 0.55, 0.6), (0.35, 0.5, 0.8)), 0.5, room=room)
     torch = Lamp(PointLight((0.50, 0.76, 2.48), (1.0, 0.96, 0.9), 0.30, decay_rate=0.0), 0.02, 8, 1024)
     night = Scene(
         things,
         camera,
         [torch, *dome(0.02, 4, (0.5, 0.65, 1.0))],
         ((0.006, 0.008, 0.014), (0.002, 0.003, 0.006)),
-        0.9,
+        2.1,
         room=room,
     )
     return [[(day, (420, 440)), (night, (420, 440))]]
+
+
+def torch() -> Rows:
+    """By night, in the beam of one torch at one exposure: beside the eye, and an arm's length to its left."""
+    things = cones()
+    camera = Camera((0.35, 0.62, 2.45), (0.13, 0.325, -0.15), fov=30.0)
+    room = Room((0.1, 0.3, -0.3), 1.6)
+    row = []
+    for place in ((0.37, 0.68, 2.45), (-0.85, 0.68, 2.30)):
+        lamp = Lamp(PointLight(place, (1.0, 0.96, 0.9), 0.30, decay_rate=0.0), 0.02, 8, 1024)
+        night = Scene(
+            things,
+            camera,
+            [lamp, *dome(0.02, 4, (0.5, 0.65, 1.0))],
+            ((0.006, 0.008, 0.014), (0.002, 0.003, 0.006)),
+            2.1,
+            room=room,
+        )
+        row.append((night, (420, 440)))
+    return [row]

@@ -37,7 +37,7 @@ def around(center: Vec3, position: Vec3, degrees: float) -> Vec3:
 
 def grey(exposure: float) -> tuple[Vec3, Vec3]:
     """Return a background that is dark grey at this exposure: the unlit side stays visible against it."""
-    value = 0.022 * 2.0**-exposure
+    value = 0.06 * 2.0**-exposure
     return (value, value, value), (value, value, value)
 
 
@@ -50,7 +50,7 @@ def figure3(solid: Mesh) -> Rows:
         skin = open_pbr(base_color=(0.0, 0.0, 0.0), specular_roughness=0.5, specular_retroreflectivity=weight)
         for light in (CameraLight(), beside):
             row.append(
-                (Scene([Thing(solid, skin, False)], camera, [Lamp(light)], grey(2.5), 2.5), (208, 208))
+                (Scene([Thing(solid, skin, False)], camera, [Lamp(light)], grey(3.2), 3.2), (208, 208))
             )
     return [row]
 
@@ -71,7 +71,7 @@ def figure5(solid: Mesh) -> Rows:
         for degrees in (0.0, 45.0, 90.0):
             camera = Camera(around(solid.center, front.position, degrees), solid.center, fov=24.0)
             row.append(
-                (Scene([Thing(solid, skin, False)], camera, [Lamp(light)], grey(-1.1), -1.1), (208, 208))
+                (Scene([Thing(solid, skin, False)], camera, [Lamp(light)], grey(-0.8), -0.8), (208, 208))
             )
         rows.append(row)
     return rows

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -11,12 +12,14 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import Mesh, load_mesh, write_png
+from mrm_nodes.render.tonemap import find_tonemap
 from mrm_nodes.scenes import cone, figures, road, vest
-from mrm_nodes.scenes.compose import Rows, display, render
+from mrm_nodes.scenes.compose import Rows, reduced, sampled, steps
 
 Array = NDArray[np.float64]
 
 TITLES = {
+    "torch": "The same cones by night at one exposure: the torch at the eye, and the torch an arm's length aside",
     "cone": "Traffic cones by day, and in the beam of a torch beside the camera",
     "vest": "A safety vest by day, and in the beam of a torch beside the camera",
     "road": "A road by day, and at night as its driver sees it",
@@ -24,9 +27,19 @@ TITLES = {
     "figure5": "A metal ball, GGX above and MRM below, with 0°, 45° and 90° between view and light",
 }
 
-_BUILT: dict[str, Callable[[], Rows]] = {"cone": cone.scene, "vest": vest.scene, "road": road.scene}
+_BUILT: dict[str, Callable[[], Rows]] = {
+    "torch": cone.torch,
+    "cone": cone.scene,
+    "vest": vest.scene,
+    "road": road.scene,
+}
 _ON_A_MESH: dict[str, Callable[[Mesh], Rows]] = {"figure3": figures.figure3, "figure5": figures.figure5}
 _GAP = 6
+
+
+@contextmanager
+def _quietly(steps: int) -> Iterator[Callable[[], object]]:
+    yield lambda: None
 
 
 def draw(
@@ -35,8 +48,13 @@ def draw(
     scale: float = 1.0,
     samples: int = 2,
     shadows: float = 1.0,
+    exposure: float = 0.0,
+    tonemap: str = "neutral",
+    progress: Callable[[int], AbstractContextManager[Callable[[], object]]] = _quietly,
 ) -> NDArray[np.float32]:
-    """Return a scene's pictures beside and above each other: (h, w, 3), linear, from 0 to 1.
+    """Return a scene's pictures beside and above each other: (h, w, 3), linear light of a screen, from 0 to 1.
+
+    Each sample is tone-mapped before the mean.
 
     Args:
         name: one of `TITLES`.
@@ -44,28 +62,36 @@ def draw(
         scale: of the pictures.
         samples: a pixel is the mean of samples × samples.
         shadows: share of the finest shadows, above 0.
+        exposure: stops beyond those of each picture.
+        tonemap: see `find_tonemap`.
+        progress: is told how many steps it takes, and gives what to call after each.
 
     Raises:
-        MrmError: an unknown scene, a mesh where the scene has its own, or one that cannot be read.
+        MrmError: an unknown scene or tone mapping, a mesh where the scene has its own, or one that cannot be read.
     """
     if name not in TITLES:
         raise MrmError(f"unknown scene {name}; there are {', '.join(TITLES)}")
+    mapped = find_tonemap(tonemap)
     if name in _ON_A_MESH:
         rows = _ON_A_MESH[name](figures.ball() if mesh is None else load_mesh(mesh))
     elif mesh is None:
         rows = _BUILT[name]()
     else:
         raise MrmError(f"{name}: has its own geometry; a mesh can be shown in {' and '.join(_ON_A_MESH)}")
-    pictures = [
-        [
-            display(
-                render(scene, (round(size[0] * scale), round(size[1] * scale)), samples, shadows),
-                scene.exposure,
-            )
-            for scene, size in row
+    with progress(sum(steps(scene) for row in rows for scene, _ in row)) as step:
+        pictures = [
+            [
+                reduced(
+                    mapped(
+                        sampled(scene, (round(w * scale), round(h * scale)), samples, shadows, step)
+                        * 2.0 ** (scene.exposure + exposure)
+                    ),
+                    samples,
+                )
+                for scene, (w, h) in row
+            ]
+            for row in rows
         ]
-        for row in rows
-    ]
     return _tiled(pictures).astype(np.float32)
 
 
@@ -74,7 +100,7 @@ def scene_gallery(
 ) -> list[dict[str, str]]:
     """Draw scenes, small, into a folder that exists, and return title, caption and image file of each.
 
-    The two figures take a few seconds, all five about a minute.
+    The two figures take a few seconds, all six about a minute.
     """
     shown = []
     for name in names:

@@ -174,9 +174,9 @@ def scene() -> Rows:
         )
         for x in (-2.35, -1.05)
     ]
-    night = Scene(things, camera, [*beams, *dome(0.006, 3, (0.5, 0.65, 1.0))], sky, 0.6, room=room)
+    night = Scene(things, camera, [*beams, *dome(0.006, 3, (0.5, 0.65, 1.0))], sky, 1.6, room=room)
     sun = Lamp(DirectionalLight((0.55, -0.50, -0.67), (1.0, 0.93, 0.82), 2.6), 0.01, 4, 2048)
     day = Scene(
-        things, camera, [sun, *dome(0.5, 5)], ((0.70, 0.77, 0.86), (0.30, 0.47, 0.76)), 0.1, room=room
+        things, camera, [sun, *dome(0.5, 5)], ((0.70, 0.77, 0.86), (0.30, 0.47, 0.76)), 0.6, room=room
     )
     return [[(day, (846, 300))], [(night, (846, 300))]]

@@ -107,7 +107,7 @@ def scene() -> Rows:
     camera = Camera((0.62, 0.10, 1.75), (0.01, 0.015, 0.0), fov=31.5)
     room = Room((0.0, 0.0, -0.2), 1.1)
     window = Lamp(DirectionalLight((0.70, -0.42, -0.62), (1.0, 0.96, 0.9), 2.3), 0.16, 16)
-    day = Scene(things, camera, [window, *dome(0.6, 7, (0.86, 0.92, 1.0))], exposure=0.15, room=room)
+    day = Scene(things, camera, [window, *dome(0.6, 7, (0.86, 0.92, 1.0))], exposure=0.4, room=room)
     torch = Lamp(PointLight((0.74, 0.20, 1.72), (1.0, 0.96, 0.9), 0.24, decay_rate=0.0), 0.015, 8)
-    night = Scene(things, camera, [torch, *dome(0.012, 3, (0.5, 0.65, 1.0))], exposure=0.9, room=room)
+    night = Scene(things, camera, [torch, *dome(0.012, 3, (0.5, 0.65, 1.0))], exposure=1.4, room=room)
     return [[(day, (420, 460)), (night, (420, 460))]]

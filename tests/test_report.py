@@ -22,6 +22,7 @@ from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, wri
 from mrm_nodes.regression.report import PIECE, figure, share, write_report
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends, read_image, render
+from mrm_nodes.render.tonemap import find_tonemap, srgb_encoded
 
 ENVIRONMENT = {
     "date": "2026-07-01 12:00 UTC",
@@ -237,6 +238,8 @@ def test_pictures_keep_data_in_float32_and_show_it_at_one_exposure(tmp_path):
     shown = read_image(tmp_path / files["render"])
     assert shown.shape == (8, 6, 4)
     assert (shown[..., 3] == mask).all()
+    mapped = find_tonemap("neutral")(image * np.float32(2.0**-9))
+    assert np.abs(shown[1:, :, :3] - srgb_encoded(mapped)[1:]).max() < 0.6 / 255
     assert 0.5 < shown[..., :3].max() <= 1.0
 
 

@@ -19,6 +19,7 @@ from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.report import MOST_INSIDE, PIECE, figure, share, write_report
 from mrm_nodes.regression.tolerance import Tolerance, compare_images
 from mrm_nodes.render.images import read_image
+from mrm_nodes.render.tonemap import find_tonemap
 from mrm_nodes.render.webgl import INSTALL, find_browser
 
 MISSING = INSTALL
@@ -370,7 +371,7 @@ def test_panes_show_the_numbers_at_the_exposure_of_the_pictures(opened):
     for layer, values in (("layer-render", image), ("layer-reference", reference)):
         shown = canvas(page, layer)
         assert ((shown[..., 3] > 0) == mask).all()
-        linear = np.clip(values * 2.0**stops, 0, 1)
+        linear = find_tonemap("neutral")(values * 2.0**stops)
         srgb = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
         assert np.abs(shown[mask][:, :3] - 255 * srgb[mask]).max() <= 1.0
 

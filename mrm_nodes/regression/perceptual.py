@@ -22,7 +22,7 @@ DARKEST = 2.0**-20
 
 
 def flip_map(image: ArrayLike, reference: ArrayLike, mask: ArrayLike) -> Array:
-    """FLIP of the pictures as the report shows them, `(h, w)`: one exposure, clipped to what a screen can show.
+    """FLIP at the exposure of the report's pictures, `(h, w)`: not tone-mapped, clipped to what a screen can show.
 
     image, reference: `(h, w, 3)`, linear; mask: `(h, w)`, outside of which both are taken as black.
 

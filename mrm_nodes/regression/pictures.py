@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.files import write_text
 from mrm_nodes.render.images import write_exr, write_png
+from mrm_nodes.render.tonemap import find_tonemap
 
 Array = NDArray[np.float64]
 
@@ -27,6 +28,9 @@ HEAT_OVER = "#ff1f5a"
 
 BRIGHTEST = 0.995
 """Share of the lit values that a picture shows without clipping."""
+
+SHOWN = find_tonemap("neutral")
+"""What pictures are tone-mapped by, the page's own too: for eyes only, verdicts are on the numbers."""
 
 
 def write_pictures(
@@ -62,7 +66,7 @@ def write_pictures(
     for name, shown in pixels.items():
         write_exr(folder / f"{name}.exr", shown)
         # Covered pixels are opaque, so that the page's own background shows around the mesh.
-        write_png(folder / f"{name}.png", _with_alpha(shown, mask), exposure)
+        write_png(folder / f"{name}.png", _with_alpha(SHOWN(shown * np.float32(2.0**exposure)), mask))
         files |= {name: f"{name}.png", f"{name}_data": f"{name}.exr"}
     maps = {
         name: np.where(mask, values, 0.0)

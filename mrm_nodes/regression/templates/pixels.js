@@ -144,14 +144,26 @@ const SRGB = Uint8ClampedArray.from({ length: 16385 }, (_, i) => {
   return 255 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
 });
 
+// As in the PNG: what is not finite is white, NaN black.
+const light = (value, gain) => (Number.isNaN(value) ? 0 : Math.min(Math.max(value * gain, 0), 1e6));
+const shown = (linear) => SRGB[Math.round(16384 * Math.min(Math.max(linear, 0), 1))];
+
+// Khronos' PBR Neutral, as in tonemap.py.
 function pictureOf(values, pixels, exposure) {
-  const gain = 16384 * 2 ** exposure;
+  const gain = 2 ** exposure;
+  const start = 0.8 - 0.04;
+  const room = 1 - start;
   return paint(pixels, (at, out) => {
-    for (let channel = 0; channel < 3; channel++) {
-      const linear = values[3 * at + channel] * gain;
-      // What is not finite is white, as in the PNG; NaN fails every comparison.
-      out[channel] = linear <= 0 ? 0 : linear < 16384 ? SRGB[Math.round(linear)] : Number.isNaN(linear) ? 0 : 255;
-    }
+    const [r, g, b] = [light(values[3 * at], gain), light(values[3 * at + 1], gain), light(values[3 * at + 2], gain)];
+    const least = Math.min(r, g, b);
+    const offset = least < 0.08 ? least - 6.25 * least * least : 0.04;
+    const peak = Math.max(r, g, b) - offset;
+    const compressed = peak < start ? peak : 1 - (room * room) / (peak + room - start);
+    const scale = peak < start ? 1 : compressed / peak;
+    const white = peak < start ? 0 : 1 - 1 / (0.15 * (peak - compressed) + 1);
+    out[0] = shown((r - offset) * scale * (1 - white) + compressed * white);
+    out[1] = shown((g - offset) * scale * (1 - white) + compressed * white);
+    out[2] = shown((b - offset) * scale * (1 - white) + compressed * white);
   });
 }
 

@@ -40,6 +40,8 @@ class Lamp:
     """Radius of a light that has a place; the sine of the angular radius of a directional one."""
     shadow_samples: int = 1
     resolution: int = 1024
+    strength: Callable[[Array], Array] | None = None
+    """What its light is multiplied by at points (n, 3), such as a lamp's illuminance there: (n,)."""
 
 
 @dataclass(frozen=True)
@@ -135,6 +137,8 @@ def sampled(
             resolution=max(1, round(shadows * lamp.resolution)),
         )
         lit = _visibility(scene, casters, coarse, position[seen], normal[seen])
+        if lamp.strength is not None:
+            lit = lit * lamp.strength(position[seen]).astype(np.float32)
         total += radiance[index][seen] * lit[:, None]
         drawn()
     picture[seen] = total

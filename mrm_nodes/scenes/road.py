@@ -28,7 +28,7 @@ def road_things() -> list[Thing]:
             open_pbr(base_color=color * 0.75, specular_roughness=rough),
             False,
         ),
-        Thing(shapes.ground("verge", (-60.0, 60.0), (-95.0, 2.5), -0.03, 0.4), _grass(), False),
+        Thing(shapes.ground("verge", (-60.0, 60.0), (-95.0, 2.5), -0.03, 0.4), grass(), False),
     ]
     cover, beads = textures.paint(1024, 256, 41, 0.45)
     line = open_pbr(
@@ -36,18 +36,7 @@ def road_things() -> list[Thing]:
         specular_retroreflectivity=cover * beads * 0.9,
         specular_roughness=0.62 - 0.27 * cover,
     )
-    strips = [(0.0, (z - 3.0, z)) for z in np.arange(0.0, -93.0, -9.0)]
-    strips += [(x, (z - 6.0, z)) for x in (-3.75, 3.75) for z in np.arange(2.0, -90.0, -6.0)]
-    for x, along in strips:
-        mesh = shapes.ground("line", (x - 0.075, x + 0.075), along, 0.004)
-        texcoords = (mesh.texcoords - mesh.texcoords.min(axis=0)) / np.array([0.15, 2.4])
-        things.append(
-            Thing(
-                Mesh("line", mesh.positions, mesh.normals, mesh.tangents, texcoords, mesh.indices),
-                line,
-                False,
-            )
-        )
+    things += [Thing(mesh, line, False) for mesh in line_meshes()]
 
     skin, rubber = cone_shader(), open_pbr(base_color=(0.024, 0.023, 0.022), specular_roughness=0.55)
     foot, body = (
@@ -83,7 +72,19 @@ def road_things() -> list[Thing]:
     return things
 
 
-def _grass() -> Shader:
+def line_meshes() -> list[Mesh]:
+    """The lines on the road: a broken one in the middle, and one at each edge."""
+    strips = [(0.0, (z - 3.0, z)) for z in np.arange(0.0, -93.0, -9.0)]
+    strips += [(x, (z - 6.0, z)) for x in (-3.75, 3.75) for z in np.arange(2.0, -90.0, -6.0)]
+    meshes = []
+    for x, along in strips:
+        mesh = shapes.ground("line", (x - 0.075, x + 0.075), along, 0.004)
+        texcoords = (mesh.texcoords - mesh.texcoords.min(axis=0)) / np.array([0.15, 2.4])
+        meshes.append(Mesh("line", mesh.positions, mesh.normals, mesh.tangents, texcoords, mesh.indices))
+    return meshes
+
+
+def grass() -> Shader:
     blades = textures.noise((1024, 1024), (3.0, 1.2), 51) + textures.noise((1024, 1024), 40.0, 52)
     return open_pbr(
         base_color=np.clip(0.55 + 0.22 * blades, 0.1, 1.3)[..., None] * np.array([0.105, 0.130, 0.036]),

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from mrm_nodes.documents import read_document
 from mrm_nodes.elements import check_document, find_renderable
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
+from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of, lobes, ports
 from mrm_nodes.regression.physics import Points, respond
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.shadergen import Shader, generate_shader
@@ -42,8 +42,17 @@ def read_sheet(
     Raises:
         MrmError: as `read_document`; nothing to render, or several; it has a lobe that the evaluator does not know.
     """
-    where = os.fspath(path)
-    document = read_document(path, allow_external=allow_external)
+    return sheet_of(read_document(path, allow_external=allow_external), os.fspath(path), element, backend)
+
+
+def sheet_of(document: mx.Document, where: str, element: str | None = None, backend: str = "auto") -> Sheet:
+    """The sheet of a document's material.
+
+    where: what errors call the document. Others as `read_sheet`.
+
+    Raises:
+        MrmError: as `read_sheet`.
+    """
     found = find_renderable(document, where, element)
     check_document(document, where, found)
     try:
@@ -64,6 +73,21 @@ class Sheet:
     closure: Closure
     backend: str = "auto"
     _shaders: dict[str, Shader] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def is_retroreflective(self) -> bool:
+        """Whether a lobe has a weight of retroreflection that is not 0."""
+        weights = (
+            lobe.inputs.get(name)
+            for lobe in lobes(self.closure.tree)
+            for name in ("retroreflectivity", "retroreflective")
+        )
+        return any(weight not in (None, 0.0, False) for weight in weights)
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether a graph drives an input of a lobe, or how they are put together."""
+        return any(isinstance(port, Driven) for port in ports(self.closure.tree))
 
     def shader(self, element: str) -> Shader:
         """The shader that shows what drives an input."""

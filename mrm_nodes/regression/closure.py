@@ -145,6 +145,35 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     )
 
 
+def lobes(tree: Tree) -> Iterator[Lobe]:
+    """The scattering functions of a tree."""
+    match tree:
+        case Lobe():
+            yield tree
+        case Mix(first, second, _) | Add(first, second) | Layer(first, second):
+            yield from lobes(first)
+            yield from lobes(second)
+        case Multiply(inner, _):
+            yield from lobes(inner)
+
+
+def ports(tree: Tree) -> Iterator[Port]:
+    """All that a tree is given: the inputs of its lobes, and what mixes and multiplies them."""
+    match tree:
+        case Lobe():
+            yield from tree.inputs.values()
+        case Mix(first, second, amount):
+            yield amount
+            yield from ports(first)
+            yield from ports(second)
+        case Add(first, second) | Layer(first, second):
+            yield from ports(first)
+            yield from ports(second)
+        case Multiply(inner, factor):
+            yield factor
+            yield from ports(inner)
+
+
 def check_image_light(tree: Tree) -> None:
     """Check that the evaluator knows what a tree shows in an environment too.
 

@@ -181,6 +181,12 @@ class Lobe:
             check_unit("l", light)
         return result
 
+    def _repr_png_(self) -> bytes | None:
+        """What a notebook shows: a polar plot."""
+        from .polar import polar_png
+
+        return polar_png(self)
+
     def pdf(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         """The density per steradian with which `sample(v, u)` draws l: shape (...). Errors as in `eval`.
 

@@ -36,6 +36,12 @@ class Closure:
         """The factor of a base below this closure."""
         raise NotImplementedError
 
+    def _repr_png_(self) -> bytes | None:
+        """What a notebook shows: a polar plot."""
+        from .polar import polar_png
+
+        return polar_png(self)
+
 
 @dataclass(frozen=True)
 class Leaf(Closure):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import datetime
 import errno
+import html
 import os
 import platform
 import shutil
@@ -95,6 +96,21 @@ def shard_of(tasks: Sequence[Task], shard: tuple[int, int]) -> list[Task]:
     return list(tasks[number - 1 :: count])
 
 
+class Report(dict[str, Any]):
+    """What report.json holds, and where the report lies: `.folder`. A notebook shows a link to its page."""
+
+    def __init__(self, folder: Path, contents: Mapping[str, Any]) -> None:
+        super().__init__(contents)
+        self.folder = folder
+
+    def _repr_html_(self) -> str:
+        page = (self.folder / "index.html").resolve()
+        counts = f"{self['summary']['passed']} of {self['summary']['total']} passed"
+        return (
+            f'<a href="{html.escape(page.as_uri())}" target="_blank">{html.escape(str(page))}</a>: {counts}'
+        )
+
+
 def run_suite(
     tasks: Sequence[Task],
     folder: Path,
@@ -111,7 +127,7 @@ def run_suite(
     gallery: Callable[[Path], Sequence[Mapping[str, str]]] | None = None,
     on_partial: Callable[[Mapping[str, Any]], None] = lambda report: None,
     on_compiled: Callable[[int, int], None] = lambda done, total: None,
-) -> dict[str, Any]:
+) -> Report:
     """Run tasks on backends, write the report into a folder, and return what report.json holds.
 
     Ended by Ctrl-C or SIGTERM it leaves the report of what it came to, which says that it is partial.
@@ -353,15 +369,17 @@ class _Run:
             total = len(self._tasks) * (len(self._plan.drivers) + len(self._plan.skipped))
             self._on_outcome(entry.outcome, len(self._records), total)
 
-    def report(self) -> dict[str, Any]:
+    def report(self) -> Report:
         """Write the report of what there is, and return what report.json holds."""
         if self._cache is not None:
             self._cache.prune()
         seconds = time.perf_counter() - self._start
-        return write_records(self._folder, self.environment, [*self._records.values()], seconds)
+        return Report(
+            self._folder, write_records(self._folder, self.environment, [*self._records.values()], seconds)
+        )
 
 
-def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[str, Any]:
+def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> Report:
     """Make one report of the shards of a run, copying their files, and return what report.json holds.
 
     Its seconds are those of the shard that took longest. Where shards are missing, it says that it is partial, and
@@ -421,7 +439,7 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> dict[st
             if not partial:
                 environment["missing"] = missing
         try:
-            return write_records(folder, environment, [*records.values()], seconds)
+            return Report(folder, write_records(folder, environment, [*records.values()], seconds))
         except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, TemplateError) as error:
             what = f"{type(error).__name__}: {error}"
             raise MrmError(

@@ -368,7 +368,7 @@ class Kind:
 def _rendering(*others: str) -> Callable[[str, str], list[str]]:
     def command(file: str, out: str) -> list[str]:
         given = [other.replace("FILE", file) for other in others]
-        return ["render", *given, "-o", f"{out}/x.png", "--size", "16x16"]
+        return ["render", *given, "-o", f"{out}/x.png", "--size", "16x16", "--samples", "2"]
 
     return command
 

@@ -177,6 +177,14 @@ def test_what_is_printed_gives_the_same_picture_again():
     assert auto_exposure(np.zeros_like(image), alpha, 4.0) == 0.0
 
 
+def test_what_is_behind_is_not_all_white():
+    image, alpha = np.full((8, 8, 3), 0.1, np.float32), np.ones((8, 8), np.float32)
+    alpha[:4], image[:4] = 0.0, 0.0
+    for behind, brightest in ((5.0, 2.5), (0.01, 0.1)):
+        stops = auto_exposure(image, alpha, 4.0, np.full((8, 8, 3), behind, np.float32))
+        assert brightest * 2.0**stops == pytest.approx(0.98, rel=0.01)
+
+
 # ---- antialiasing
 
 

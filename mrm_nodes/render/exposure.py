@@ -13,6 +13,8 @@ Floats = NDArray[np.float32]
 
 BRIGHT, TARGET = 0.9, 0.98
 """Automatic exposure: the share of lit pixels that is to be no brighter than this, in exposed radiance."""
+BEHIND = 2.0
+"""How much brighter than that half of what is behind may be."""
 NEARLY_ALL = 0.99
 """The share of lit pixels that is not to be clipped, however bright."""
 
@@ -52,18 +54,22 @@ def lit_pixels(image: Floats, alpha: Floats) -> NDArray[np.bool_]:
     return np.asarray((alpha > 0.0) & (peak > DARKEST * peak.max(initial=0.0)))
 
 
-def auto_exposure(image: Floats, alpha: Floats, headroom: float) -> float:
+def auto_exposure(image: Floats, alpha: Floats, headroom: float, behind: Floats | None = None) -> float:
     """Return the stops at which nine of ten lit pixels are below white, and 99 of 100 are not clipped.
 
     A pixel is as bright as its largest channel. In hundredths of a stop, rounded down: what is printed gives the same
     picture again. 0 where nothing is lit.
 
-    headroom: exposed radiance up to which a tone mapping clips nothing.
+    Args:
+        headroom: exposed radiance up to which a tone mapping clips nothing.
+        behind: (h, w, 3), what is seen where nothing is: half of that is to be less than a stop above white.
     """
     lit = lit_pixels(image, alpha)
     if not lit.any():
         return 0.0
     bright, brighter = np.quantile(image[lit].max(axis=-1) / alpha[lit], (BRIGHT, NEARLY_ALL))
+    if behind is not None and (alpha == 0.0).any():
+        bright = max(bright, float(np.median(behind[alpha == 0.0].max(axis=-1))) / BEHIND)
     stops = min(math.log2(TARGET / bright), math.log2(headroom / brighter))
     return float(np.clip(math.floor(100.0 * stops) / 100.0, -LIMIT, LIMIT))
 

@@ -126,7 +126,9 @@ class Developer:
         self._behind = development.behind(environment)
         self._environment, self._camera = environment, camera
         stops = parse_exposure(development.exposure)
-        self.exposure = auto_exposure(image, alpha, self._tonemap.headroom) if stops is None else stops
+        if stops is None:
+            stops = auto_exposure(image, alpha, self._tonemap.headroom, self._around(alpha))
+        self.exposure = stops
         self._gain = np.float32(2.0**self.exposure)
         lit = lit_pixels(image, alpha)
         straight = np.zeros_like(image)
@@ -140,14 +142,21 @@ class Developer:
         """Add a sample of each pixel, `offset` from the middles: (h, w, 3), multiplied with alpha, and (h, w)."""
         self._count += 1
         self._alpha += alpha
-        if isinstance(self._behind, str) and self._behind == ENVIRONMENT and self._environment is not None:
-            height, width = alpha.shape
-            behind = environment_behind(self._environment, self._camera, (width, height), offset)
+        behind = self._around(alpha, offset)
+        if behind is not None:
             self._pixels += self._tonemap((image + (1.0 - alpha)[..., None] * behind) * self._gain)
             return
         covered = alpha > 0.0
         share = alpha[covered][:, None]
         self._pixels[covered] += share * self._tonemap(image[covered] / share * self._gain)
+
+    def _around(self, alpha: Floats, offset: tuple[float, float] = (0.0, 0.0)) -> Floats | None:
+        """The environment behind each pixel, where that is to be seen."""
+        is_seen = isinstance(self._behind, str) and self._behind == ENVIRONMENT
+        if self._environment is None or not is_seen:
+            return None
+        height, width = alpha.shape
+        return environment_behind(self._environment, self._camera, (width, height), offset)
 
     def picture(self) -> Picture:
         """The mean of the samples so far."""

@@ -1,7 +1,7 @@
 """Draws the README's pictures into docs/images: `python docs/make_images.py`, or with the names of some of them.
 
 `materials`: each finished material on the baluster, with the light at the camera and 30 degrees beside it, both at one
-exposure; the others are the scenes of `mrm-nodes scene`. All take a quarter of an hour.
+exposure; `night`: the road of classes; the others are the scenes of `mrm-nodes scene`. All take a quarter of an hour.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ from mrm_nodes.render import CameraLight, Framing, Light, PointLight, baluster, 
 from mrm_nodes.render.sheet import labelled
 from mrm_nodes.render.tonemap import srgb_encoded
 from mrm_nodes.scenes import TITLES, draw
+from mrm_nodes.scenes.headlamp import dipped
+from mrm_nodes.scenes.night import CLASSES, draw_night, with_legend
 
 MATERIALS = {
     "hi_vis_tape": "hi-vis tape",
@@ -46,9 +48,15 @@ Floats = NDArray[np.float32]
 
 def main(names: list[str]) -> None:
     """Draw pictures of those names, all by default."""
-    for name in names or ["materials", *TITLES]:
-        picture = materials() if name == "materials" else draw(name, scale=SCALE, samples=SCENE_SAMPLES)
-        save(FOLDER / f"{'' if name == 'materials' else 'scene-'}{name}.webp", picture)
+    own = {"materials": materials, "night": night}
+    for name in names or [*own, *TITLES]:
+        picture = own[name]() if name in own else draw(name, scale=SCALE, samples=SCENE_SAMPLES)
+        save(FOLDER / f"{'' if name in own else 'scene-'}{name}.webp", picture)
+
+
+def night() -> Floats:
+    """Return the road by night of classes, and its luminances."""
+    return with_legend(draw_night(CLASSES, dipped(), samples=SCENE_SAMPLES))
 
 
 def materials() -> Floats:

@@ -71,7 +71,7 @@ def figure5(solid: Mesh) -> Rows:
         for degrees in (0.0, 45.0, 90.0):
             camera = Camera(around(solid.center, front.position, degrees), solid.center, fov=24.0)
             row.append(
-                (Scene([Thing(solid, skin, False)], camera, [Lamp(light)], grey(-0.8), -0.8), (208, 208))
+                (Scene([Thing(solid, skin, False)], camera, [Lamp(light)], grey(-1.3), -1.3), (208, 208))
             )
         rows.append(row)
     return rows

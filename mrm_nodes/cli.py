@@ -17,6 +17,7 @@ from mrm_nodes.allowance import out_of_memory
 from mrm_nodes.commands.baseline import baseline
 from mrm_nodes.commands.bench_regress import regress as bench_regress
 from mrm_nodes.commands.bench_regress import scale as bench_scale
+from mrm_nodes.commands.fit import fit
 from mrm_nodes.commands.material import material
 from mrm_nodes.commands.options import OWN_PROCESS, external_option, within_limits
 from mrm_nodes.commands.photometry import photometry
@@ -125,6 +126,7 @@ def warmup() -> None:
 
 
 cli.add_command(baseline)
+cli.add_command(fit)
 cli.add_command(material)
 cli.add_command(photometry)
 cli.add_command(regress)

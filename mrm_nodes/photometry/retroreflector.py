@@ -77,6 +77,9 @@ class Retroreflector(ref.Closure):
     """Of Schlick's reflectance."""
     retroreflectivity: ArrayLike = 1.0
     """Share of the lobe that comes back; the rest is mirrored."""
+    cover: ArrayLike | None = None
+    """Share of the surface that has the lobe, bare (exposed beads); the rest is film below its top. None: the lobe lies
+    all over the film, and below the top."""
     distribution: str = "ggx"
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741  the field's own name
@@ -93,17 +96,21 @@ class Retroreflector(ref.Closure):
         if self.second is not None:
             other = ref.Leaf(self._lobe(self.second.alpha, facing))
             below = ref.Mix(other, retro, self.second.share)
-        if self.film is not None:
-            below = ref.Layer(below, ref.Leaf(ref.Lambert(self.film)))
-        if self.top is None:
-            return below
-        top = ref.GeneralizedSchlick(
-            self.top.f0,
-            color90=self.top.f90,
-            alpha=self.top.alpha,
-            energy_compensation=host().compensation,
-        )
-        return ref.Layer(ref.Leaf(top), below)
+        film = None if self.film is None else ref.Leaf(ref.Lambert(self.film))
+        top = None
+        if self.top is not None:
+            lobe = ref.GeneralizedSchlick(
+                self.top.f0,
+                color90=self.top.f90,
+                alpha=np.asarray(self.top.alpha, np.float64)[..., np.newaxis],
+                energy_compensation=host().compensation,
+            )
+            top = ref.Leaf(lobe)
+        if self.cover is None:
+            return _layered(top, below, film)
+        if top is None and film is None:
+            raise ValueError("cover must be None where there is neither a film nor a top beside it")
+        return ref.Mix(below, _layered(top, film), self.cover)
 
     def _lobe(self, alpha: ArrayLike, facing: Array) -> ref.GeneralizedSchlick:
         kept = 1.0 if self.falloff is None else (facing ** np.asarray(self.falloff))[..., np.newaxis]
@@ -159,6 +166,12 @@ class Retroreflector(ref.Closure):
 _ONE = ((), (1,), (3,))
 
 
+def _layered(*parts: ref.Closure | None) -> ref.Closure:
+    """Those that are there, the first on top."""
+    first, *others = (part for part in parts if part is not None)
+    return ref.Layer(first, _layered(*others)) if others else first
+
+
 def _markup(bsdf: Retroreflector, name: str, doc: str) -> str:
     top = beads = f"{name}_beads"
     parts = [_lobe_markup(bsdf, name, beads, bsdf.alpha, "roughness")]
@@ -168,19 +181,25 @@ def _markup(bsdf: Retroreflector, name: str, doc: str) -> str:
             _lobe_markup(bsdf, name, other, bsdf.second.alpha, "second_roughness"),
             _node("mix", top, _port("fg", other), _port("bg", beads), _number("mix", bsdf.second.share)),
         ]
+    film, clear, below = f"{name}_film", f"{name}_clear_top", top
     if bsdf.film is not None:
-        base, below, top = f"{name}_film", top, f"{name}_beads_on_film"
-        parts += [
-            _node("oren_nayar_diffuse_bsdf", base, _color("color", bsdf.film)),
-            _node("layer", top, _port("top", below), _port("base", base)),
-        ]
+        parts.append(_node("oren_nayar_diffuse_bsdf", film, _color("color", bsdf.film)))
+        if bsdf.cover is None:
+            below, top = top, f"{name}_beads_on_film"
+            parts.append(_node("layer", top, _port("top", below), _port("base", film)))
     if bsdf.top is not None:
-        clear, below, top = f"{name}_clear_top", top, f"{name}_top_on_beads"
         colors = _color("color0", bsdf.top.f0), _color("color90", bsdf.top.f90)
-        parts += [
-            _node("mrm_generalized_schlick_bsdf", clear, *colors, _roughness(bsdf.top.alpha)),
-            _node("layer", top, _port("top", clear), _port("base", below)),
-        ]
+        parts.append(_node("mrm_generalized_schlick_bsdf", clear, *colors, _roughness(bsdf.top.alpha)))
+        if bsdf.cover is None:
+            below, top = top, f"{name}_top_on_beads"
+            parts.append(_node("layer", top, _port("top", clear), _port("base", below)))
+    if bsdf.cover is not None:
+        beside = film if bsdf.top is None else clear
+        if bsdf.film is not None and bsdf.top is not None:
+            beside = f"{name}_top_on_film"
+            parts.append(_node("layer", beside, _port("top", clear), _port("base", film)))
+        below, top = top, f"{name}_beads_beside_film"
+        parts.append(_node("mix", top, _port("fg", below), _port("bg", beside), _number("mix", bsdf.cover)))
     shown = f" doc={quoteattr(doc)}" if doc else ""
     return f"""<?xml version="1.0"?>
 <materialx version="1.39" colorspace="lin_rec709">{_graph(bsdf, name)}

@@ -70,4 +70,4 @@ def _text(file: Path, content: bytes) -> str:
         raise MrmError(
             f"{file}: none of the formats that are read: ALTA .dat, MERL .binary, RGL .bsdf, ASTM E1392, .xompt, CSV"
         )
-    return text
+    return text.replace("\r\n", "\n").replace("\r", "\n")

@@ -46,6 +46,8 @@ KINDS = {
         retroreflectivity=0.8,
         distribution="beckmann",
     ),
+    "beside": replace(GRAY, f0=1.0, cover=0.26, widening=1.58),
+    "beside bare": Retroreflector(0.02, (1.0, 0.6, 0.2), falloff=2.0, top=ClearTop(0.1, 0.1), cover=0.3),
     "schlick": Retroreflector(0.0435, 0.211, f90=0.0, exponent=0.872),
     "paper": Retroreflector(0.0529, 0.19, f82=0.0, f90=1.0),
 }

@@ -188,7 +188,9 @@ def _dimensions(path: Path, header: Mapping[str, str], name: str, count: int, co
 def _check_radians(path: Path, name: str, coordinates: Array, polar: tuple[int, ...]) -> None:
     bad = ~np.isfinite(coordinates)
     if bad.any():
-        raise MrmError(f"{path}: a coordinate of sample {int(np.argwhere(bad)[0][0]) + 1} is no finite number")
+        raise MrmError(
+            f"{path}: a coordinate of sample {int(np.argwhere(bad)[0][0]) + 1} is no finite number"
+        )
     for column in polar:
         largest = float(np.abs(coordinates[:, column]).max()) if len(coordinates) else 0.0
         if largest > LIMIT:

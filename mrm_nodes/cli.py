@@ -425,12 +425,23 @@ def reference(count: int, growth: bool, output: Path | None) -> None:
 
 @cli.command()
 @click.option("-o", "--output", "folder", type=Path, default=Path("figures"), show_default=True)
-def figures(folder: Path) -> None:
+@click.option(
+    "--tape",
+    type=Path,
+    help="The paper's measurement of yellow tape (ALTA's retro-3M-jaune.dat): draws Figure 4 too.",
+)
+def figures(folder: Path, tape: Path | None) -> None:
     """Draw the papers' figures from the evaluator: PNG, SVG, and the numbers as CSV."""
+    from mrm_nodes.measured import read
+    from mrm_nodes.measured.figures import write_figure_4
     from mrm_nodes.reference.figures import write_figures
 
+    measurement = None if tape is None else read(tape)
     with _writing(folder):
-        _say_written(write_figures(folder))
+        written = write_figures(folder)
+        if measurement is not None:
+            written += write_figure_4(measurement, folder)
+        _say_written(written)
 
 
 @cli.command()

@@ -225,3 +225,33 @@ def test_the_tapes_are_fitted_as_they_were_before(tape: str):
     assert wider.rmse <= {"retro-3M-jaune": 0.37, "retro-gray-tape": 0.25}[tape]
     peaks = wider.peaks()
     assert sorted(peaks) == [15.0, 30.0, 60.0] and all(0.5 < each < 2.0 for each in peaks.values())
+
+
+def test_figure_4_shows_what_the_wrong_cosine_does(tmp_path: Path):
+    pytest.importorskip("matplotlib")
+    from mrm_nodes.measured.figures import pairs, write_figure_4
+    from mrm_nodes.render.images import read_image
+
+    rng = np.random.default_rng(5)
+    polar, turn = rng.uniform(0.0, 1.2, 4000), rng.uniform(-np.pi, np.pi, 4000)
+    theta_l = np.radians(np.repeat([15.0, 30.0, 60.0, 45.0], 1000))
+    polar[::3] = np.radians(rng.choice([15.0, 30.0, 60.0, 45.0], len(polar[::3])))
+    v = np.stack([np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)], axis=-1)
+    l = np.stack([np.sin(theta_l), 0.0 * polar, np.cos(theta_l)], axis=-1)
+    f = (
+        find_model("exponent")
+        .bsdf({name: np.asarray(TRUE[name]) for name in TRUE}, ("luminance",))
+        .eval(v, l)
+    )
+    tape = Measurement(v, l, f[:, :1])
+    there, back = pairs(tape)
+    assert len(there) > 50 and np.median(there / back) == pytest.approx(1.0, abs=0.1)
+    wrong = Measurement(v, l, f[:, :1] * v[:, 2:] / l[:, 2:])
+    there, back = pairs(wrong)
+    assert np.median(there / back) < 0.9
+    for path in write_figure_4(tape, tmp_path):
+        assert path.stat().st_size > 1000
+    picture = read_image(tmp_path / "mrm_figure_4.png")
+    assert picture.std() > 0.05
+    with pytest.raises(MrmError, match="one channel"):
+        write_figure_4(Measurement(v, l, f, ("R", "G", "B")), tmp_path)

@@ -1,7 +1,8 @@
 """An image against its reference: figures, bounds, verdict.
 
 The relative error of a channel is `|image - reference| / max(|reference|, 1e-4)`. Bounds are relative too,
-and scale with 1/alpha: a lobe of width alpha magnifies float32's rounding of a direction by that much.
+and scale with 1/alpha: a lobe of width alpha magnifies float32's rounding of a direction by that much. Of a material of
+several lobes each has its own bound, and the pixel the sum of what they are of its response (`physics`).
 """
 
 import math
@@ -38,6 +39,20 @@ it is a sum of products rounded to float32."""
 OTHER_DISTRIBUTIONS = 5.0
 """Beckmann and Phong are exponentials: their bounds are this many times GGX's."""
 
+HALF_VECTOR_MAX = 2.5e-6
+HALF_VECTOR_P999 = 1e-6
+"""Error of the half vector's slope, tangent of its angle to the normal. GGX is 1/(t² + alpha²)² in a slope t, whose
+logarithm changes by 4 t/(t² + alpha²), at most 2/alpha: to first order the bound of a lobe is twice this by alpha."""
+
+NARROW = 1e-3
+"""Alpha below which that first order is not enough: the error is a part of the lobe's own width."""
+
+NOTICED = 0.1
+"""A relative fault of every value that a verdict has to notice: a case that would not is undecided, never pass."""
+
+NOTICED_SHARE = 0.01
+"""Share of the lit values that have to notice a fault."""
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -72,6 +87,9 @@ class Figures:
     hdr_flip: float | None = None
     uncertainty: float | None = None
     """What the reference's standard error may add to `used` or take from it; None where the reference is exact."""
+    notices: float | None = None
+    """The smallest relative fault of all values that this verdict would have noticed, 1 being a black image, where
+    the bounds are float32's. Infinite where nothing is lit."""
 
     def as_dict(self) -> dict[str, Any]:
         """The figures for JSON; a value that is not finite becomes null."""
@@ -91,7 +109,7 @@ def bounds_for(
     white: ArrayLike,
     film: ArrayLike,
 ) -> Bounds:
-    """The bounds of n points.
+    """The bounds of n points of one lobe.
 
     Args:
         alpha: the smaller roughness, `(n,)` or a scalar.
@@ -102,16 +120,52 @@ def bounds_for(
             one on the image.
         film: whether there is a thin film, `(n,)` or a scalar.
     """
-    alpha = np.asarray(alpha, np.float64)[..., None]
-    film = np.asarray(film, bool)[..., None]
     size = np.maximum(np.abs(np.asarray(reference, np.float64)), FLOOR)
-    factor = 1.0 if distribution == "ggx" else OTHER_DISTRIBUTIONS
-    stretch = factor * np.maximum(np.abs(np.asarray(grazing)) / size, 1.0)
+    stretch = np.maximum(np.abs(np.asarray(grazing)) / size, 1.0)
     per_fresnel = np.asarray(white) / size
+    lobe, fresnel = lobe_bounds(alpha, distribution), fresnel_bounds(film)
     return Bounds(
-        stretch * np.maximum(5e-6 / alpha, 2e-5) + np.where(film, FILM_MAX, FRESNEL_MAX) * per_fresnel,
-        stretch * np.maximum(2e-6 / alpha, 5e-6) + np.where(film, FILM_P999, FRESNEL_P999) * per_fresnel,
+        stretch * lobe.max_rel + fresnel.max_rel * per_fresnel,
+        stretch * lobe.p999_rel + fresnel.p999_rel * per_fresnel,
     )
+
+
+def lobe_bounds(alpha: ArrayLike, distribution: str) -> Bounds:
+    """The relative error of a lobe but for its Fresnel factor, for directions that do not graze, `(n, 1)`."""
+    alpha = np.asarray(alpha, np.float64)[..., None]
+    factor = 1.0 if distribution == "ggx" else OTHER_DISTRIBUTIONS
+    return Bounds(
+        factor * np.maximum(2 * HALF_VECTOR_MAX / alpha, 2e-5),
+        factor * np.maximum(2 * HALF_VECTOR_P999 / alpha, 5e-6),
+    )
+
+
+def fresnel_bounds(film: ArrayLike) -> Bounds:
+    """The absolute error of a Fresnel factor, `(n, 1)`. film: whether there is one, `(n,)` or a scalar."""
+    film = np.asarray(film, bool)[..., None]
+    return Bounds(np.where(film, FILM_MAX, FRESNEL_MAX), np.where(film, FILM_P999, FRESNEL_P999))
+
+
+def narrow_bounds(alpha: ArrayLike, v: ArrayLike, l: ArrayLike, growth: ArrayLike) -> Bounds:  # noqa: E741
+    """By how much a GGX lobe may exceed its value beyond the first order where the half vector's error is a part of
+    its width, relative, `(n, 1)`: its value for a slope that is smaller by that error, over its value.
+
+    v, l: `(n, 3)`, in its frame; of the forward and the retro lobe's slopes the smaller counts. growth: of the error.
+    """
+    alpha = np.asarray(alpha, np.float64)[..., None]
+    v, l = np.asarray(v, np.float64), np.asarray(l, np.float64)  # noqa: E741
+    across = np.minimum(
+        np.sum((l[..., :2] + v[..., :2]) ** 2, axis=-1, keepdims=True),
+        np.sum((l[..., :2] - v[..., :2]) ** 2, axis=-1, keepdims=True),
+    )
+    slope = np.sqrt(across) / np.maximum(np.abs(v[..., 2:] + l[..., 2:]), 1e-12)
+
+    def beyond(error: float) -> NDArray[np.float64]:
+        nearer = np.maximum(slope - error * np.asarray(growth), 0.0)
+        excess: NDArray[np.float64] = ((slope**2 + alpha**2) / (nearer**2 + alpha**2)) ** 2 - 1
+        return np.where(alpha < NARROW, excess, 0.0)
+
+    return Bounds(beyond(HALF_VECTOR_MAX), beyond(HALF_VECTOR_P999))
 
 
 def grazing_factor(v: ArrayLike, l: ArrayLike) -> NDArray[np.float64]:  # noqa: E741  the field's own name
@@ -143,6 +197,8 @@ def _relative(difference: NDArray[np.float64], reference: NDArray[np.float64]) -
 
 def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Verdict, Figures]:
     """Verdict and figures of the points of an image against their reference.
+
+    An image within its bounds is `undecided` where they are so wide that it would be with every value 10 % off.
 
     image, reference: `(n, 3)`, the points that count. A value of the image that is not finite fails.
 
@@ -183,8 +239,38 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
         used=float(used),
         pixels=len(image),
         lit=int(np.logical_or.reduce([channel > 0 for channel in reference.T]).sum()),
+        notices=_notices(reference, bounds),
     )
-    return ("pass" if used <= 1 else "fail"), figures
+    if used > 1:
+        return "fail", figures
+    return ("pass" if figures.notices is not None and figures.notices <= NOTICED else "undecided"), figures
+
+
+def _notices(reference: NDArray[np.float64], bounds: Bounds) -> float:
+    """The smallest fault, relative to every value, that breaks a bound, and at `NOTICED_SHARE` of the lit values."""
+    values = np.abs(reference)
+    lit = values > 0
+    if not lit.any():
+        return math.inf
+    scale = np.maximum(values, FLOOR)[lit] / values[lit]
+    most, usual = (
+        np.sort(np.broadcast_to(each, values.shape)[lit] * scale)
+        for each in (bounds.max_rel, bounds.p999_rel)
+    )
+    enough = math.ceil(NOTICED_SHARE * len(scale)) - 1
+    # One in a thousand values may exceed the second bound.
+    beyond = max(enough, math.floor(values.size / 1000))
+    return float(min(most[enough], usual[beyond] if beyond < len(usual) else math.inf))
+
+
+def why_undecided(figures: Figures) -> str:
+    """Why an image within its bounds says nothing."""
+    if figures.lit == 0:
+        return "nothing is lit, and a black image would pass: turn the light or the camera"
+    return (
+        "an image 10 % off would pass: its lobes are too narrow for float32, or too dark; give it a larger roughness, "
+        "or more light"
+    )
 
 
 def quantile(values: NDArray[np.float64], share: float) -> float:

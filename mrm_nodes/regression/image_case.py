@@ -14,7 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cases import Case
-from mrm_nodes.regression.compare import Bounds, Figures, Verdict, bounds_for, compare, relative_error
+from mrm_nodes.regression.compare import (
+    Bounds,
+    Figures,
+    Verdict,
+    bounds_for,
+    compare,
+    relative_error,
+    why_undecided,
+)
 from mrm_nodes.regression.environment_reference import (
     environment_image,
     environment_tolerance,
@@ -83,6 +91,8 @@ def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> Non
         with timed(outcome, "compare"):
             judged = _within(drawn, reference, bounds)
     outcome.verdict, outcome.figures, outcome.tolerance = judged.verdict, judged.figures, judged.tolerance
+    if outcome.verdict == "undecided" and not outcome.message:
+        outcome.message = why_undecided(judged.figures)
     with timed(outcome, "compare"):
         place = Path("cases") / outcome.backend / case.name
         (folder / place).mkdir(parents=True, exist_ok=True)

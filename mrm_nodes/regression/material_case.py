@@ -18,7 +18,7 @@ from mrm_nodes.elements import descendant
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
-from mrm_nodes.regression.compare import Bounds, compare, relative_error
+from mrm_nodes.regression.compare import Bounds, compare, relative_error, why_undecided
 from mrm_nodes.regression.environment_reference import environment_tolerance, replicated, sample_counts
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
@@ -259,6 +259,8 @@ def _compare(
         image, truth = np.asarray(expected.image)[mask], np.asarray(expected.truth)[mask]
         outcome.verdict, outcome.figures = compare(image, truth, expected.bounds)
         outcome.tolerance = expected.bounds.loosest()
+        if outcome.verdict == "undecided":
+            outcome.message = why_undecided(outcome.figures)
         used = np.max(relative_error(image, truth) / expected.bounds.max_rel, axis=-1)
         return _spread(used, mask), None
     asked = case.tolerance if case.tolerance.asked() else expected.tolerance

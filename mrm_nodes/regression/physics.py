@@ -7,8 +7,8 @@ cosine, as MaterialX's does, so that `mix`, `add`, `multiply` and `layer` apply 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,18 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import layers
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
-from mrm_nodes.regression.compare import FLOOR, Bounds, bounds_for, grazing_factor
+from mrm_nodes.regression.compare import (
+    FLOOR,
+    Bounds,
+    fresnel_bounds,
+    grazing_factor,
+    lobe_bounds,
+    narrow_bounds,
+)
 from mrm_nodes.regression.environment_reference import Estimate, environment_image, irradiance
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import (
+    SMALLEST_ALPHA,
     LightData,
     evaluator,
     light_at,
@@ -56,20 +64,21 @@ def shade_tree(
         MrmError: a value that the evaluator has no model of, such as an anisotropic roughness of MaterialX's nodes.
     """
     placed = _Placed(points, resolve)
-    kinds = [placed.tree(tree, kind) for kind in (_Response, _Grazing, _White, _Leak)]
     view = _view(points)
-    sums = [np.zeros(view.shape) for _ in kinds]
+    reference, most, usual = (np.zeros(view.shape) for _ in range(3))
     try:
         for light in lights:
             direction, intensity = light_at(light, points.position)
-            for total, each in zip(sums, kinds, strict=True):
-                total += each.eval(view, direction) * intensity
+            part = placed.judge(tree, view, direction)
+            reference += part.value * intensity
+            most += part.most * intensity
+            usual += part.usual * intensity
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
-    reference, grazing, white, leak = sums
-    bounds = bounds_for(placed.alpha, placed.distribution, reference, grazing, white, placed.film)
-    allowed = leak / np.maximum(np.abs(reference), FLOOR)
-    return reference, Bounds(bounds.max_rel + allowed, bounds.p999_rel + allowed)
+    size = np.maximum(np.abs(reference), FLOOR)
+    # No bound is below the rounding of the sum itself, however little of it is lit.
+    least = lobe_bounds(1.0, "ggx")
+    return reference, Bounds(np.maximum(most / size, least.max_rel), np.maximum(usual / size, least.p999_rel))
 
 
 def respond(tree: Tree, points: Points, direction: Array, resolve: Resolve) -> Array:
@@ -108,8 +117,11 @@ def _view(points: Points) -> Array:
     return view
 
 
+_Kind = TypeVar("_Kind", bound="_Response")
+
+
 class _Placed:
-    """Lobes with their values and frames at n points, and what the bounds depend on."""
+    """Lobes with their values and frames at n points."""
 
     def __init__(self, points: Points, resolve: Resolve, environment: Environment | None = None) -> None:
         self._points = points
@@ -117,9 +129,7 @@ class _Placed:
         self._environment = environment
         self._estimates: dict[str, Estimate] = {}
         self._lobes: dict[str, Mapping[str, Any]] = {}
-        self.alpha: Array = np.ones(len(points.position))
-        self.film: NDArray[np.bool_] = np.zeros(len(points.position), bool)
-        self.distribution = "ggx"
+        self._judged: dict[str, _Judged] = {}
 
     def tree(self, tree: Tree, kind: type[_Response]) -> layers.Closure:
         """The evaluator's tree, its leaves of one kind."""
@@ -138,14 +148,34 @@ class _Placed:
             case closure.Layer(top, base):
                 return layers.Layer(self.tree(top, kind), self.tree(base, kind))
 
+    def judge(self, tree: Tree, v: Array, l: Array) -> _Part:  # noqa: E741  the field's own name
+        """A tree's response to light from `l`, and what float32 may make of it: each lobe's own error, times what
+        the tree passes on of the lobe.
+        """
+        match tree:
+            case Lobe(path):
+                if path not in self._judged:
+                    self._judged[path] = self._leaf(tree, _Judged)
+                return self._judged[path].judge(v, l)
+            case closure.Nothing(opaque):
+                return _Part.nothing(v, 0.0 if opaque else 1.0)
+            case closure.Mix(fg, bg, amount):
+                return self.judge(fg, v, l).mixed(self.judge(bg, v, l), self._number(amount)[..., None])
+            case closure.Add(in1, in2):
+                return self.judge(in1, v, l).added(self.judge(in2, v, l))
+            case closure.Multiply(in1, in2):
+                return self.judge(in1, v, l).times(_colour(np.clip(self._number(in2), 0.0, 1.0)))
+            case closure.Layer(top, base):
+                return self.judge(top, v, l).over(self.judge(base, v, l))
+
     def _number(self, port: Port) -> Array:
         return as_float32(self._resolve(port))
 
-    def _leaf(self, lobe: Lobe, kind: type[_Response]) -> layers.Closure:
+    def _leaf(self, lobe: Lobe, kind: type[_Kind]) -> _Kind:
         if lobe.path not in self._lobes:
             self._lobes[lobe.path] = {name: self._resolve(port) for name, port in lobe.inputs.items()}
             if lobe.node != DIFFUSE_NODE:
-                self._note(lobe, self._lobes[lobe.path])
+                _check_roughness(lobe, self._lobes[lobe.path])
         values = self._lobes[lobe.path]
         points = self._points
         normal = points.normal if values["normal"] is None else values["normal"]
@@ -161,17 +191,24 @@ class _Placed:
             placed.around = self._estimates[lobe.path]
         return placed
 
-    def _note(self, lobe: Lobe, values: Mapping[str, Any]) -> None:
-        alpha = np.clip(as_float32(values["roughness"]), 1e-8, 1.0)
-        if lobe.node in PLAIN_NODES and not np.allclose(alpha[..., 0], alpha[..., 1], rtol=1e-6, atol=0.0):
-            raise MrmError(
-                f"{lobe.path}/roughness is anisotropic, and MaterialX approximates the masking of such a "
-                f'{lobe.node}: give the case truth = "baseline", or use mrm_{lobe.node}, which is exact'
-            )
-        self.alpha = np.minimum(self.alpha, alpha.min(axis=-1))
-        self.film = self.film | (np.asarray(values["thinfilm_thickness"]) > 0)
-        if values["distribution"] != "ggx":
-            self.distribution = values["distribution"]
+
+def _check_roughness(lobe: Lobe, values: Mapping[str, Any]) -> None:
+    alpha = _alpha(values)
+    if lobe.node in PLAIN_NODES and not np.allclose(alpha[..., 0], alpha[..., 1], rtol=1e-6, atol=0.0):
+        raise MrmError(
+            f"{lobe.path}/roughness is anisotropic, and MaterialX approximates the masking of such a "
+            f'{lobe.node}: give the case truth = "baseline", or use mrm_{lobe.node}, which is exact'
+        )
+
+
+def _alpha(values: Mapping[str, Any]) -> Array:
+    alpha: Array = np.clip(as_float32(values["roughness"]), SMALLEST_ALPHA, 1.0)
+    return alpha
+
+
+def _colour(value: Array) -> Array:
+    """A factor as `(n, 3)` or `(1, 3)`: one number a point, or three."""
+    return value if value.ndim and value.shape[-1] == 3 else value[..., None]
 
 
 def _as_ours(lobe: Lobe, values: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -237,38 +274,119 @@ class _Response(layers.Closure):
         return local
 
 
-class _Grazing(_Response):
-    """The response times the factor by which the bounds grow."""
+THROUGH_MAX, THROUGH_P999 = 1e-5, 2e-6
+"""Absolute error of a throughput: 1 less a fitted albedo, a quotient of two sums of about ten products in float32."""
 
-    def _value(self, view: Array, light: Array) -> Array:
-        return super()._value(view, light) * grazing_factor(view, light)
+MIX_ROUNDING = 2e-7
+"""Error of a mix's amount, and of 1 less it: two roundings."""
 
 
-class _White(_Response):
-    """The response for a Fresnel factor of 1; a diffuse base has it of what lies above."""
+@dataclass(frozen=True)
+class _Part:
+    """A response, the errors that float32 may give it anywhere and in 999 of 1000 values, and the same of what it
+    lets through to a layer below: each `(n, 3)`."""
+
+    value: Array
+    most: Array
+    usual: Array
+    through: Array
+    through_most: Array
+    through_usual: Array
+
+    @staticmethod
+    def nothing(v: Array, through: float) -> _Part:
+        none = np.zeros(v.shape)
+        return _Part(none, none, none, np.full(v.shape, through), none, none)
+
+    def mixed(self, bg: _Part, amount: Array) -> _Part:
+        """As the foreground of a mix."""
+        less = 1.0 - amount
+
+        def blend(front: Array, back: Array, rounding: Array | float = 0.0) -> Array:
+            return np.asarray(front * amount + back * less + rounding)
+
+        shift = MIX_ROUNDING * (np.abs(self.value) + np.abs(bg.value))
+        return _Part(
+            blend(self.value, bg.value),
+            blend(self.most, bg.most, shift),
+            blend(self.usual, bg.usual, shift),
+            blend(self.through, bg.through),
+            blend(self.through_most, bg.through_most, MIX_ROUNDING),
+            blend(self.through_usual, bg.through_usual, MIX_ROUNDING),
+        )
+
+    def added(self, other: _Part) -> _Part:
+        return _Part(
+            self.value + other.value,
+            self.most + other.most,
+            self.usual + other.usual,
+            np.maximum(self.through + other.through - 1.0, 0.0),
+            self.through_most + other.through_most,
+            self.through_usual + other.through_usual,
+        )
+
+    def times(self, factor: Array) -> _Part:
+        """As MaterialX's `multiply` has it: the throughput stays."""
+        return replace(self, value=self.value * factor, most=self.most * factor, usual=self.usual * factor)
+
+    def over(self, base: _Part) -> _Part:
+        """As the top of a layer."""
+        return _Part(
+            self.value + base.value * self.through,
+            self.most + base.most * self.through + np.abs(base.value) * self.through_most,
+            self.usual + base.usual * self.through + np.abs(base.value) * self.through_usual,
+            self.through * base.through,
+            self.through * base.through_most + base.through * self.through_most,
+            self.through * base.through_usual + base.through * self.through_usual,
+        )
+
+
+class _Judged(_Response):
+    """A lobe that knows what float32 may make of it."""
 
     def __init__(self, node: str, values: Mapping[str, Any], frame: Array) -> None:
         super().__init__(node, values, frame)
         self._white = None if self.lobe is None else white_evaluator(values)
+        self._alpha: Array = np.ones(1) if self.lobe is None else _alpha(values).min(axis=-1)
+        self._relative = lobe_bounds(self._alpha, "ggx" if self.lobe is None else values["distribution"])
+        self._fresnel = fresnel_bounds(False if self.lobe is None else values["thinfilm_thickness"] > 0)
 
-    def _value(self, view: Array, light: Array) -> Array:
-        if self._white is None:
-            return super()._value(view, light)
-        value: Array = self._white.eval(view, light)
-        return value
-
-
-class _Leak(_White):
-    """At most what MaterialX's own nodes let through of a light below the horizon: they take its cosine for 1e-8."""
-
-    def eval(self, v: Any, l: Any) -> Array:  # noqa: E741
+    def judge(self, v: Array, l: Array) -> _Part:  # noqa: E741
         view, light = self._local(v), self._local(l)
-        if self.node.startswith("mrm_"):
-            return np.zeros(view.shape)
+        scale = np.maximum(light[..., 2:], 0.0) * self.weight[..., None]
+        value = self._value(view, light) * scale
+        white = value if self._white is None else self._white.eval(view, light) * scale
+        growth = grazing_factor(view, light)
+        narrow = narrow_bounds(self._alpha, view, light, growth)
+        leak = self._leak(view, light)
+        through, unsure = np.zeros(value.shape), 0.0
+        if self.lobe is not None:
+            through, unsure = self.lobe.throughput(view, light, self.weight), 1.0
+
+        def allowed(relative: Array, beyond: Array, fresnel: Array) -> Array:
+            return np.abs(value) * (growth * relative + beyond) + np.abs(white) * fresnel + leak
+
+        return _Part(
+            value,
+            allowed(self._relative.max_rel, narrow.max_rel, self._fresnel.max_rel),
+            allowed(self._relative.p999_rel, narrow.p999_rel, self._fresnel.p999_rel),
+            through,
+            np.full(through.shape, unsure * THROUGH_MAX),
+            np.full(through.shape, unsure * THROUGH_P999),
+        )
+
+    def _leak(self, view: Array, light: Array) -> Array | float:
+        """At most what MaterialX's own nodes let through of a light below the horizon, whose cosine they take for
+        1e-8, `(n, 3)`.
+        """
+        below = light[..., 2:] <= 0
+        if self.node.startswith("mrm_") or not below.any():
+            return 0.0
         across = light * (1.0, 1.0, 0.0) + (1e-12, 0.0, 0.0)
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
-        leak = self._value(view, across + np.array([0.0, 0.0, LEAKED_COSINE])) * LEAKED_COSINE
-        return np.where(light[..., 2:] > 0, 0.0, leak) * self.weight[..., None]
+        grazing = across + np.array([0.0, 0.0, LEAKED_COSINE])
+        value = self._value(view, grazing) if self._white is None else self._white.eval(view, grazing)
+        return np.where(below, value * LEAKED_COSINE, 0.0) * self.weight[..., None]
 
 
 class _Surrounded(_Response):

@@ -1,0 +1,249 @@
+"""What a verdict by physics notices: planted faults, under a coat so smooth that float32 knows nothing of its peak."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from test_material_case import case_of, write
+
+from mrm_nodes.regression import closure, physics
+from mrm_nodes.regression.closure import Lobe, Nothing, Port, Tree
+from mrm_nodes.regression.compare import Bounds, compare, lobe_bounds, narrow_bounds, relative_error
+from mrm_nodes.regression.outcome import Outcome
+from mrm_nodes.regression.worker import Worker
+from mrm_nodes.render import probe_backends
+
+MATERIAL = """
+<surfacematerial name="m" type="material">
+  <input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial>"""
+
+
+def surface(node: str, **values: str | float) -> str:
+    inputs = "".join(
+        f'<input name="{name}" type="{"color3" if isinstance(value, str) else "float"}" value="{value}" />'
+        for name, value in values.items()
+    )
+    return f'<{node} name="s" type="surfaceshader">{inputs}</{node}>{MATERIAL}'
+
+
+COATED = {
+    "open_pbr": surface(
+        "mrm_open_pbr_surface",
+        base_color="0.8, 0.3, 0.1",
+        specular_roughness=0.3,
+        specular_retroreflectivity=0.7,
+        coat_weight=1.0,
+        coat_roughness=0.0,
+    ),
+    "gltf": surface(
+        "mrm_gltf_pbr",
+        base_color="0.8, 0.3, 0.1",
+        metallic=1.0,
+        roughness=0.4,
+        retroreflection=0.7,
+        clearcoat=1.0,
+        clearcoat_roughness=0.0,
+    ),
+    "standard": surface(
+        "mrm_standard_surface",
+        base_color="0.8, 0.3, 0.1",
+        specular_roughness=0.3,
+        specular_retroreflectivity=0.7,
+        coat=1.0,
+        coat_roughness=0.0,
+    ),
+    "by hand": """
+<dielectric_bsdf name="coat" type="BSDF"><input name="roughness" type="vector2" value="0.0, 0.0" /></dielectric_bsdf>
+<mrm_conductor_bsdf name="metal" type="BSDF">
+  <input name="roughness" type="vector2" value="0.2, 0.2" />
+  <input name="retroreflectivity" type="float" value="0.7" />
+</mrm_conductor_bsdf>
+<layer name="both" type="BSDF">
+  <input name="top" type="BSDF" nodename="coat" /><input name="base" type="BSDF" nodename="metal" />
+</layer>
+<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="both" /></surface>"""
+    + MATERIAL,
+}
+
+
+@pytest.fixture(scope="module")
+def worker() -> Worker:
+    working = [probe.backend for probe in probe_backends() if probe.works]
+    return Worker(working[0]) if working else pytest.skip("no backend works")
+
+
+@dataclass
+class Shaded:
+    """A case's outcome, and what its reference was made of."""
+
+    outcome: Outcome
+    tree: Tree
+    rest: tuple[Any, ...]
+    resolve: Callable[[Port], Any]
+    reference: Any
+    bounds: Bounds
+
+    def of(self, tree: Tree, resolve: Callable[[Port], Any] | None = None) -> Any:
+        """Radiance of another tree at the same points."""
+        return physics.shade_tree(tree, *self.rest, resolve or self.resolve)[0]
+
+    def is_noticed(self, image: Any) -> bool:
+        return compare(image, self.reference, self.bounds)[0] == "fail"
+
+
+@pytest.fixture(scope="module", params=COATED)
+def shaded(
+    request: pytest.FixtureRequest, worker: Worker, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Shaded]:
+    kept: list[Any] = []
+    own = physics.shade_tree
+
+    def spy(tree: Tree, points: Any, lights: Any, resolve: Any) -> Any:
+        found = own(tree, points, lights, resolve)
+        kept.append((tree, (points, lights), resolve, *found))
+        return found
+
+    folder = tmp_path_factory.mktemp("coated")
+    case = case_of(write(folder, COATED[request.param]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(physics, "shade_tree", spy)
+        outcome = worker.run(case, folder / "report")
+    yield Shaded(outcome, *kept[0])
+
+
+def lobes(tree: Tree) -> list[Lobe]:
+    match tree:
+        case Lobe():
+            return [tree]
+        case Nothing():
+            return []
+        case closure.Mix(one, other, _) | closure.Add(one, other) | closure.Layer(one, other):
+            return [*lobes(one), *lobes(other)]
+        case closure.Multiply(one, _):
+            return lobes(one)
+
+
+def with_lobes(tree: Tree, change: Callable[[Lobe], Tree]) -> Tree:
+    """A tree with other lobes."""
+    match tree:
+        case Lobe():
+            return change(tree)
+        case Nothing():
+            return tree
+        case closure.Mix(fg, bg, amount):
+            return closure.Mix(with_lobes(fg, change), with_lobes(bg, change), amount)
+        case closure.Add(in1, in2):
+            return closure.Add(with_lobes(in1, change), with_lobes(in2, change))
+        case closure.Multiply(in1, in2):
+            return closure.Multiply(with_lobes(in1, change), in2)
+        case closure.Layer(top, base):
+            return closure.Layer(with_lobes(top, change), with_lobes(base, change))
+
+
+def test_what_is_sound_passes_and_says_how_little_it_would_have_noticed(shaded: Shaded):
+    assert (shaded.outcome.message, shaded.outcome.truth, shaded.outcome.verdict) == ("", "physics", "pass")
+    figures = shaded.outcome.figures
+    assert figures is not None and figures.notices is not None and figures.notices < 1e-3
+    # As it says, and no less: of a fault of that size a hundredth of the lit values is beyond its bound.
+    assert shaded.is_noticed(shaded.reference * (1 + 1.01 * figures.notices))
+    assert not shaded.is_noticed(shaded.reference)
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.9, 0.99, 0.999, 1.001, 1.01, 1.1])
+def test_a_whole_image_that_is_darker_or_brighter_is_noticed(shaded: Shaded, factor: float):
+    assert shaded.is_noticed(shaded.reference * factor)
+
+
+def test_channels_in_another_order_are_noticed(shaded: Shaded):
+    assert shaded.is_noticed(shaded.reference[:, [1, 0, 2]])
+
+
+def test_a_coat_that_returns_black_is_noticed(shaded: Shaded):
+    coat = next(lobe for lobe in lobes(shaded.tree) if "coat" in lobe.path)
+    gone = with_lobes(shaded.tree, lambda each: Nothing(False) if each is coat else each)
+    dark = with_lobes(shaded.tree, lambda each: Nothing(True) if each is coat else each)
+    for fault in (gone, dark):
+        assert shaded.is_noticed(shaded.of(fault))
+
+
+def test_the_retro_lobe_forward_is_noticed(shaded: Shaded):
+    def forward(lobe: Lobe) -> Lobe:
+        if "retroreflectivity" not in lobe.inputs:
+            return lobe
+        return replace(lobe, inputs={**lobe.inputs, "retroreflectivity": 0.0})
+
+    assert shaded.is_noticed(shaded.of(with_lobes(shaded.tree, forward)))
+
+
+def test_each_lobe_that_is_missing_and_was_a_tenth_of_the_light_is_noticed(shaded: Shaded):
+    counted = 0
+    for lobe in lobes(shaded.tree):
+        image = shaded.of(with_lobes(shaded.tree, lambda each: Nothing(False) if each is lobe else each))  # noqa: B023
+        lit = shaded.reference > 0
+        share = np.abs(image - shaded.reference)[lit] / shaded.reference[lit]
+        if np.mean(share > 0.1) >= 0.01:
+            counted += 1
+            assert shaded.is_noticed(image), lobe.path
+    assert counted
+
+
+@dataclass(frozen=True)
+class Squared:
+    port: Port
+
+
+def test_a_roughness_that_is_squared_twice_is_noticed(shaded: Shaded):
+    def resolve(port: Any) -> Any:
+        return np.square(shaded.resolve(port.port)) if isinstance(port, Squared) else shaded.resolve(port)
+
+    def squared(lobe: Lobe) -> Lobe:
+        return replace(lobe, inputs={**lobe.inputs, "roughness": Squared(lobe.inputs["roughness"])})  # type: ignore[dict-item]
+
+    assert shaded.is_noticed(shaded.of(with_lobes(shaded.tree, squared), resolve))
+
+
+def test_a_material_too_narrow_for_float32_is_undecided_and_says_why(worker: Worker, tmp_path: Path):
+    mirror = surface("mrm_open_pbr_surface", base_metalness=1.0, specular_roughness=0.0)
+    path = write(tmp_path, mirror.replace("<surfacematerial", "<!-- a mirror --><surfacematerial"))
+    outcome = worker.run(case_of(path), tmp_path / "report")
+    assert outcome.verdict == "undecided"
+    assert "narrow" in outcome.message or "nothing is lit" in outcome.message
+
+
+def test_an_image_of_which_nothing_is_lit_is_undecided():
+    dark = np.zeros((50, 3))
+    bounds = Bounds(np.array(1e-5), np.array(1e-5))
+    verdict, figures = compare(dark, dark, bounds)
+    assert (verdict, figures.notices) == ("undecided", np.inf)
+    assert compare(dark + 1e-3, dark, bounds)[0] == "fail"
+
+
+@pytest.mark.parametrize("alpha", [1e-8, 1e-6, 1e-4])
+def test_a_narrow_lobe_may_be_what_it_is_for_a_half_vector_that_is_rounded(alpha: float):
+    """GGX itself, from its definition, for slopes that float32 cannot tell apart."""
+    rng = np.random.default_rng(0)
+    v = np.array([0.3, -0.2, 0.0]) + np.zeros((4000, 3))
+    v[:, 2] = np.sqrt(1 - (v**2).sum(axis=-1))
+    slope = alpha * 10 ** rng.uniform(-2, 4, 4000)
+    turned = rng.uniform(0, 2 * np.pi, 4000)
+    half = np.stack([slope * np.cos(turned), slope * np.sin(turned), np.ones(4000)], axis=-1)
+    half /= np.linalg.norm(half, axis=-1, keepdims=True)
+    light = 2 * (v * half).sum(axis=-1, keepdims=True) * half - v
+
+    def ggx(slope: Any) -> Any:
+        return alpha**2 / (np.pi * (slope**2 + alpha**2) ** 2)
+
+    shifted = np.maximum(slope + rng.uniform(-1, 1, 4000) * 2.5e-6, 0.0)
+    beyond = narrow_bounds(np.full(4000, alpha), v, light, 1.0).max_rel[:, 0]
+    allowed = lobe_bounds(np.full(4000, alpha), "ggx").max_rel[:, 0] + beyond
+    error = relative_error(ggx(shifted), ggx(slope)) * np.maximum(ggx(slope), 1e-4) / ggx(slope)
+    assert (error <= 1.0001 * allowed + 1e-9).all()
+    # And no more than that where the lobe is far away: the bound is its own error there, not a licence.
+    far = slope > 0.05
+    assert not far.any() or beyond[far].max() < 1e-3

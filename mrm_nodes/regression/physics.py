@@ -153,7 +153,7 @@ class _Placed:
         the tree passes on of the lobe.
         """
         match tree:
-            case Lobe(path):
+            case Lobe(path=path):
                 if path not in self._judged:
                     self._judged[path] = self._leaf(tree, _Judged)
                 return self._judged[path].judge(v, l)

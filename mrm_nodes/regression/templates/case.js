@@ -390,7 +390,7 @@ function figureFacts(each) {
     el("h3", {}, `${share(each.used)} of its bound`, each.uncertainty ? ` ± ${share(each.uncertainty)}` : ""),
     usedBar(each.used, each.verdict),
     el("table", { class: "figures" }, el("thead", {}, el("tr", {}, el("th"), el("th", { scope: "col" }, "measured"), el("th", { scope: "col" }, each.truth === "physics" ? "bound, up to" : "bound"))), el("tbody", {}, rows)),
-    el("p", { class: "quiet" }, `${thousands(each.pixels)} pixels, ${thousands(each.lit)} lit`),
+    el("p", { class: "quiet" }, `${thousands(each.pixels)} pixels, ${thousands(each.lit)} lit${each.notices ? `; would notice ${share(each.notices)}` : ""}`),
   );
 }
 

@@ -246,8 +246,8 @@ def _inputs() -> Iterator[Case]:
         yield _case(node, "weight0.3", {**half, "weight": 0.3})
     for node, mode in itertools.product((dielectric, schlick), ("T", "RT")):
         # What only transmits is black here, of which nobody would notice that it is missing: the base below is seen.
-        below = {"base": (0.8, 0.2, 0.1)} if mode == "T" else {}
-        yield _case(node, f"scatter-{mode}", {**half, "scatter_mode": mode}, **below)
+        below = (0.8, 0.2, 0.1) if mode == "T" else None
+        yield _case(node, f"scatter-{mode}", {**half, "scatter_mode": mode}, base=below)
     yield _case(dielectric, "weight0", {**half, "weight": 0.0}, base=(0.8, 0.2, 0.1))
     yield _case(schlick, "color82-black", {**half, "color82": (0.0, 0.0, 0.0)})
     yield _case(schlick, "exponent2", {**half, "exponent": 2.0, "color90": (0.2, 0.6, 1.0)})

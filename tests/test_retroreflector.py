@@ -211,3 +211,22 @@ def test_glsl_shows_what_the_evaluator_says(kind: str, worker: Worker, tmp_path:
     outcome = judged(worker, case_of(tmp_path / "a.mtlx"), tmp_path / "report")
     assert (outcome.truth, outcome.verdict) == ("physics", "pass")
     assert outcome.figures is not None and outcome.figures.lit > 2000
+
+
+def test_a_reciprocal_falloff_is_reciprocal_and_the_same_where_light_goes_back():
+    """One degree about a direction of 60 degrees, where a power of |n.v| is 16 % off."""
+    angle = np.radians([60.0, 61.0])
+    v, light = (np.array([np.sin(each), 0.0, np.cos(each)]) for each in angle)
+    graph = Retroreflector(0.02, 0.3, falloff=4.9)
+    ours = replace(graph, reciprocal=True)
+
+    def asymmetry(bsdf: Retroreflector) -> float:
+        return float((bsdf.eval(v, light) / bsdf.eval(light, v) - 1)[0])
+
+    # What is left is the energy compensation, a function of the view alone, as without a falloff.
+    plain = asymmetry(replace(graph, falloff=None))
+    assert abs(asymmetry(ours)) <= abs(plain) < 1e-3
+    assert 0.14 < asymmetry(graph) < 0.18
+    np.testing.assert_allclose(ours.eval(v, v), graph.eval(v, v), rtol=1e-12)
+    with pytest.raises(MrmError, match="no node has a reciprocal falloff"):
+        ours.markup()

@@ -81,20 +81,24 @@ class Retroreflector(ref.Closure):
     """Share of the surface that has the lobe, bare (exposed beads); the rest is film below its top. None: the lobe lies
     all over the film, and below the top."""
     distribution: str = "ggx"
+    reciprocal: bool = False
+    """Whether the falloff is a power of v'.h, the cosine of the Fresnel term, which is |n.v| where the light goes
+    straight back: the lobe is then as reciprocal as without a falloff. No node has it, and no document."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741  the field's own name
-        return self._closure(v).eval(v, l)
+        return self._closure(v, l).eval(v, l)
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
-        return self._closure(v).throughput(v, l)
+        return self._closure(v, l).throughput(v, l)
 
-    def _closure(self, v: ArrayLike) -> ref.Closure:
-        """The parts, as they are for each view."""
+    def _closure(self, v: ArrayLike, l: ArrayLike | None) -> ref.Closure:  # noqa: E741
+        """The parts, as they are for each view, and light where it matters."""
         facing = np.abs(np.asarray(v, np.float64)[..., 2])
-        retro = ref.Leaf(self._lobe(self.alpha, facing))
+        kept = self._kept(v, l)
+        retro = ref.Leaf(self._lobe(self.alpha, facing, kept))
         below: ref.Closure = retro
         if self.second is not None:
-            other = ref.Leaf(self._lobe(self.second.alpha, facing))
+            other = ref.Leaf(self._lobe(self.second.alpha, facing, kept))
             below = ref.Mix(other, retro, self.second.share)
         film = None if self.film is None else ref.Leaf(ref.Lambert(self.film))
         top = None
@@ -112,8 +116,19 @@ class Retroreflector(ref.Closure):
             raise ValueError("cover must be None where there is neither a film nor a top beside it")
         return ref.Mix(below, _layered(top, film), self.cover)
 
-    def _lobe(self, alpha: ArrayLike, facing: Array) -> ref.GeneralizedSchlick:
-        kept = 1.0 if self.falloff is None else (facing ** np.asarray(self.falloff))[..., np.newaxis]
+    def _kept(self, v: ArrayLike, l: ArrayLike | None) -> ArrayLike:  # noqa: E741
+        """What the falloff leaves of the reflectance, (..., 1)."""
+        if self.falloff is None:
+            return 1.0
+        view = np.asarray(v, np.float64)
+        cosine = np.abs(view[..., 2])
+        if self.reciprocal and l is not None:
+            # The Fresnel term's own: v'.h = cos of half the angle between l and v', the view mirrored at the normal.
+            across = np.sum(view * (-1.0, -1.0, 1.0) * np.asarray(l, np.float64), axis=-1)
+            cosine = np.sqrt(np.maximum(1.0 + across, 0.0) / 2.0)
+        return np.asarray((cosine ** np.asarray(self.falloff))[..., np.newaxis])
+
+    def _lobe(self, alpha: ArrayLike, facing: Array, kept: ArrayLike) -> ref.GeneralizedSchlick:
         width = np.asarray(alpha, np.float64)
         if self.widening is not None:
             grown = np.maximum(facing, SMALLEST_FACING) ** -np.asarray(self.widening, np.float64)
@@ -145,6 +160,8 @@ class Retroreflector(ref.Closure):
                     raise MrmError(
                         f"{each.name} has shape {np.shape(value)}: a document takes a number or a colour"
                     )
+        if self.reciprocal:
+            raise MrmError("no node has a reciprocal falloff: a document takes a power of |n.v|")
         try:
             self.eval((0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
         except ValueError as error:

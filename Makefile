@@ -3,7 +3,7 @@
 # make regress-full  more textured cases, each drawn first in a process of its own; the default suite with the cache and
 #                without
 # make sweep     MaterialX's own documents, where they lie beside the checkout, through everything, beside its own
-#                renderer; ten minutes
+#                renderer, and all of its examples moved over; a quarter of an hour
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
 # make clients   the same in every release of MaterialX (or RELEASES), with its own tools and its own renderer; prints a
 #                table
@@ -25,6 +25,8 @@ TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py t
 	tests/test_materialx_renderer.py tests/test_report_browser.py tests/test_tonemap_three.py
 
 SWEEP := tests/test_sweep.py
+# `make regress-full` runs all of its cases, and `make test` none.
+TEXTURED := render_tests/test_textured.py
 
 .PHONY: regress regress-full sweep test lint setup clean targets clients fuzz faults
 
@@ -34,13 +36,14 @@ regress: setup
 # What `make regress` has drawn comes from the cache.
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
-	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py render_tests/test_textured.py
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py $(TEXTURED)
 
 sweep: targets
-	$(BIN)/python -m pytest -q $(SWEEP)
+	MRM_EXAMPLES=all $(BIN)/python -m pytest -q $(SWEEP) tests/test_retrofit_examples.py
 
 test: setup
-	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(SWEEP:%=--ignore=%)
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(SWEEP:%=--ignore=%) \
+		$(TEXTURED:%=--ignore=%)
 
 # Here a compiler that is missing is a failure, where `make test` skips its tests.
 targets: setup

@@ -5,6 +5,7 @@ They are read where they lie beside the checkout, in ../shared; what they name a
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 from pathlib import Path
@@ -24,9 +25,20 @@ from mrm_nodes.surfaces.rewrite import retrofit_file
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "materialx" / "Materials" / "Examples"
 NODES = "|".join(known_surfaces())
-EXAMPLES = [
-    path for path in sorted(DATA.rglob("*.mtlx")) if re.search(rf"<({NODES})\b", path.read_text("utf-8"))
-]
+
+
+def _examples() -> list[Path]:
+    """The first two of each kind of surface; all with MRM_EXAMPLES, as `make sweep` asks."""
+    kinds: dict[str, list[Path]] = {}
+    for path in sorted(DATA.rglob("*.mtlx")):
+        found = re.search(rf"<({NODES})\b", path.read_text("utf-8"))
+        if found:
+            kinds.setdefault(found[1], []).append(path)
+    most = None if os.environ.get("MRM_EXAMPLES") else 2
+    return [path for paths in kinds.values() for path in paths[:most]]
+
+
+EXAMPLES = _examples()
 #: Our masking is exact there, MaterialX's takes the mean of both alphas.
 ANISOTROPIC = re.compile(r'anisotropy"[^>]* value="0?\.0*[1-9]|brushed')
 #: Without a base specular (the car paint's coat has the index of its base); of roughness 0, which no light but one in

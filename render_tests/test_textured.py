@@ -43,7 +43,6 @@ def test_the_suites_have_them():
         assert {f"{subject}-image-on-{imaged}" for imaged in IMAGED} < full
 
 
-@pytest.mark.skipif(FULL, reason="a part of make test")
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
 def test_a_textured_case_agrees_with_the_evaluator(worker, case, tmp_path):
     outcome = worker.run(case, tmp_path)

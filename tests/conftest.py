@@ -7,10 +7,15 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Callable
+from typing import Any
 
 import pytest
 
+from mrm_nodes import cli
+from mrm_nodes.errors import MrmError
 from mrm_nodes.render.checks import CHECK_VARIABLE
+from mrm_nodes.render.context import get_context
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -28,3 +33,27 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
         for mark in item.iter_markers("client"):
             item.user_properties.append(("client", mark.args[0].format(**parameters)))
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a command: exit status, stdout, stderr."""
+
+    def call(*arguments: Any) -> tuple[int, str, str]:
+        with pytest.raises(SystemExit) as ended:
+            cli.main([str(each) for each in arguments])
+        said = capsys.readouterr()
+        return int(ended.value.code or 0), said.out, said.err
+
+    return call
+
+
+@pytest.fixture(scope="session")
+def gl() -> None:
+    """Skip where there is no OpenGL, unless this machine must have it."""
+    try:
+        get_context("auto")
+    except MrmError as error:
+        if os.environ.get("MRM_REQUIRE_BACKENDS"):
+            raise
+        pytest.skip(str(error))

@@ -28,10 +28,12 @@ SOURCE = Path(__file__).with_name("disk_faults.c")
 
 @functools.cache
 def library() -> Path:
-    """The library to preload, compiled once a process; skips the test where there is no compiler."""
+    """The library to preload, compiled once a process; without a compiler the test is skipped, or fails where one is
+    required (MRM_REQUIRE_COMPILERS has `cc`)."""
     compiler = shutil.which("cc")
     if compiler is None or not sys.platform.startswith("linux"):
-        pytest.skip("a disk that fails needs a C compiler (cc) and Linux")
+        is_required = "cc" in os.environ.get("MRM_REQUIRE_COMPILERS", "").split(",")
+        (pytest.fail if is_required else pytest.skip)("a disk that fails needs a C compiler (cc) and Linux")
     folder = Path(tempfile.mkdtemp(prefix="mrm-nodes-faults-"))
     target = folder / "disk_faults.so"
     subprocess.run([compiler, "-shared", "-fPIC", "-O1", "-o", target, SOURCE, "-ldl"], check=True)

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from mrm_nodes import cli
 from mrm_nodes.library import materials_path, own_libraries
 from mrm_nodes.regression.run import required_backends
 from mrm_nodes.render.context import probe_backends
@@ -25,19 +24,6 @@ def backend():
     if not working and required_backends():
         pytest.fail("no backend works")
     return working[0] if working else pytest.skip("no backend works")
-
-
-@pytest.fixture
-def run(capsys):
-    """Run a command: exit status, stdout, stderr."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(each) for each in arguments])
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return call
 
 
 def fault(run, *arguments):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -19,10 +18,9 @@ from numpy.typing import NDArray
 import mrm_nodes
 from mrm_nodes.commands.photometry import spread
 from mrm_nodes.documents import read_document
-from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.photometry import SheetPoints, check, read_sheet, retroreflection
-from mrm_nodes.render import CameraLight, PointLight, RenderedImage, get_context, render
+from mrm_nodes.render import CameraLight, PointLight, RenderedImage, render
 
 MATERIALS = sorted(path.stem for path in materials_path().glob("*.mtlx"))
 OUR_NODES = {"mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"}
@@ -136,17 +134,6 @@ def test_the_lobe_is_as_narrow_as_a_retroreflector_s(name: str):
     if not roughness.hasNodeGraphString():
         alphas = roughness.getValue()
         assert 0.005 <= min(alphas[0], alphas[1]) <= 0.1
-
-
-@pytest.fixture(scope="module")
-def gl() -> None:
-    """Skip where there is no OpenGL, unless this machine must have it."""
-    try:
-        get_context("auto")
-    except MrmError as error:
-        if os.environ.get("MRM_REQUIRE_BACKENDS"):
-            raise
-        pytest.skip(str(error))
 
 
 @functools.cache

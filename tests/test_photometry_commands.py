@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import importlib.util
 import json
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from mrm_nodes import cli, photometry
+from mrm_nodes import photometry
 from mrm_nodes.documents import read_document
-from mrm_nodes.errors import MrmError
 from mrm_nodes.photometry import material_for, read_sheet
 from mrm_nodes.photometry.openmaterial import read_asset
 from mrm_nodes.photometry.retroreflector import Retroreflector
-from mrm_nodes.render import get_context
+
+pytestmark = pytest.mark.usefixtures("gl")
 
 Run = Callable[..., tuple[int, str, str]]
 
@@ -32,30 +31,6 @@ MATT = """<?xml version="1.0"?>
   </surfacematerial>
 </materialx>
 """
-
-
-@pytest.fixture(autouse=True)
-def gl() -> None:
-    """Skip where there is no OpenGL, unless this machine must have it."""
-    try:
-        get_context("auto")
-    except MrmError as error:
-        if os.environ.get("MRM_REQUIRE_BACKENDS"):
-            raise
-        pytest.skip(str(error))
-
-
-@pytest.fixture
-def run(capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command: exit status, stdout, stderr."""
-
-    def call(*arguments: Any) -> tuple[int, str, str]:
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(each) for each in arguments])
-        said = capsys.readouterr()
-        return int(ended.value.code or 0), said.out, said.err
-
-    return call
 
 
 @pytest.fixture

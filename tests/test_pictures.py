@@ -15,7 +15,6 @@ import OpenImageIO as oiio
 import pytest
 
 import mrm_nodes
-from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
 from mrm_nodes.render import (
@@ -46,19 +45,6 @@ def backend(request: pytest.FixtureRequest) -> str:
     if request.param not in BACKENDS:
         pytest.skip(f"no {request.param} here")
     return str(request.param)
-
-
-@pytest.fixture
-def command(capsys):
-    """Run a command: exit status, stdout, stderr."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(each) for each in arguments])
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return call
 
 
 # ---- tone mapping
@@ -372,19 +358,19 @@ def test_colours_are_read_as_they_are_written(text, color):
         (["-o", "b.gif"], "b.gif: unknown image ending .gif; use .exr or .png"),
     ],
 )  # fmt: skip
-def test_a_bad_request_is_one_line_and_writes_nothing(command, tmp_path, monkeypatch, arguments, message):
+def test_a_bad_request_is_one_line_and_writes_nothing(run, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    status, out, err = command("render", TAPE, "-o", "a.png", *arguments)
+    status, out, err = run("render", TAPE, "-o", "a.png", *arguments)
     assert status == 2 and message in err and err.count("\n") == 1 and out == ""
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(not BACKENDS, reason="no backend works")
-def test_one_draw_gives_several_files_and_says_how_it_was_shown(command, tmp_path, tape):
+def test_one_draw_gives_several_files_and_says_how_it_was_shown(run, tmp_path, tape):
     view = tone_maps()[2]
     outputs = [tmp_path / name for name in ("a.png", "a.exr", "b.PNG")]
     given = [each for output in outputs for each in ("-o", output)]
-    status, out, err = command("render", tape, *given, "--size", "24", "--tonemap", view.upper())
+    status, out, err = run("render", tape, *given, "--size", "24", "--tonemap", view.upper())
     assert status == 0, err
     assert out.split("\n") == [*map(str, outputs), ""]
     stops, share = re.fullmatch(
@@ -400,25 +386,23 @@ def test_one_draw_gives_several_files_and_says_how_it_was_shown(command, tmp_pat
     assert re.search(r"OpenColorIO \d", said.getattribute("mrm:tonemap"))
     assert outputs[0].read_bytes() == outputs[2].read_bytes()
     again = tmp_path / "again.png"
-    assert (
-        command("render", tape, "-o", again, "--size", "24", "--tonemap", view, "--exposure", stops)[0] == 0
-    )
+    assert run("render", tape, "-o", again, "--size", "24", "--tonemap", view, "--exposure", stops)[0] == 0
     assert again.read_bytes() == outputs[0].read_bytes()
 
 
-def test_files_of_one_draw_go_into_place_together(command, tmp_path, tape):
+def test_files_of_one_draw_go_into_place_together(run, tmp_path, tape):
     (tmp_path / "b.png").mkdir()
     (tmp_path / "a.exr").write_text("old")
     outputs = ["-o", tmp_path / "a.exr", "-o", tmp_path / "b.png", "-o", tmp_path / "c.png"]
-    status, _, err = command("render", tape, *outputs, "--size", "8", "--samples", "1")
+    status, _, err = run("render", tape, *outputs, "--size", "8", "--samples", "1")
     assert status == 2
     assert f"{tmp_path / 'b.png'}: cannot be written: Is a directory; written before it: {tmp_path}" in err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.exr", "b.png"]
 
 
-def test_what_an_exr_does_not_take_is_said(command, tmp_path, tape):
+def test_what_an_exr_does_not_take_is_said(run, tmp_path, tape):
     given = ["render", tape, "-o", tmp_path / "a.exr", "--size", "8", "--samples", "1", "--exposure", "2"]
-    status, _, err = command(*given)
+    status, _, err = run(*given)
     assert status == 0
     assert err == (
         "warning: --exposure: an .exr has linear light and alpha, whatever they say; they are for a .png\n"

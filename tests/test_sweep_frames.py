@@ -11,7 +11,6 @@ import OpenImageIO as oiio
 import pytest
 from PIL import Image
 
-from mrm_nodes import cli
 from mrm_nodes.render import (
     DirectionalLight,
     Mesh,
@@ -43,19 +42,6 @@ def tape(tmp_path: Path) -> Path:
     path = tmp_path / "tape.mtlx"
     path.write_text(BSDF)
     return path
-
-
-@pytest.fixture
-def command(capsys):
-    """Run a command: exit status, stdout, stderr."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as ended:
-            cli.main([str(each) for each in arguments])
-        said = capsys.readouterr()
-        return ended.value.code, said.out, said.err
-
-    return call
 
 
 def test_the_light_starts_at_the_camera_and_keeps_its_distance():
@@ -116,10 +102,10 @@ def test_a_turntable_is_the_mesh_turned_under_the_same_lights(backend, tape):
 
 
 @pytest.mark.skipif(not BACKENDS, reason="no backend works")
-def test_frames_of_a_light_sweep_have_one_exposure_and_are_written_together(command, tape, tmp_path):
+def test_frames_of_a_light_sweep_have_one_exposure_and_are_written_together(run, tape, tmp_path):
     folder = tmp_path / "out"
     outputs = [each for name in ("a.png", "a.exr", "a.webp", "a.apng") for each in ("-o", folder / name)]
-    status, out, err = command(
+    status, out, err = run(
         *("render", tape, *outputs, "--light-sweep", "4", "--size", "32", "--samples", "2"),
         "--background",
         "black",
@@ -155,12 +141,10 @@ def test_frames_of_a_light_sweep_have_one_exposure_and_are_written_together(comm
         (["--turntable", "two"], "Invalid value for '--turntable'"),
     ],
 )
-def test_a_bad_request_is_one_line_and_writes_nothing(
-    command, tape, tmp_path, monkeypatch, arguments, message
-):
+def test_a_bad_request_is_one_line_and_writes_nothing(run, tape, tmp_path, monkeypatch, arguments, message):
     folder = tmp_path / "empty"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    status, out, err = command("render", tape, "-o", "a.png", *arguments)
+    status, out, err = run("render", tape, "-o", "a.png", *arguments)
     assert status == 2 and message in err and err.count("\n") == 1 and out == ""
     assert not list(folder.iterdir())

@@ -77,9 +77,9 @@ def shade_tree(
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
     size = np.maximum(np.abs(reference), FLOOR)
-    # No bound is below the rounding of the sum itself, however little of it is lit.
-    least = lobe_bounds(1.0, "ggx")
-    return reference, Bounds(np.maximum(most / size, least.max_rel), np.maximum(usual / size, least.p999_rel))
+    # What is missing to the smallest value that counts is allowed the rounding of a wide lobe.
+    missing, wide = 1.0 - np.minimum(np.abs(reference) / FLOOR, 1.0), lobe_bounds(1.0, "ggx")
+    return reference, Bounds(most / size + missing * wide.max_rel, usual / size + missing * wide.p999_rel)
 
 
 def respond(tree: Tree, points: Points, direction: Array, resolve: Resolve) -> Array:

@@ -4,6 +4,9 @@
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +22,8 @@ from mrm_nodes.measured.fitting import usable, weights
 from mrm_nodes.measured.models import PARAMETERS, find_model
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends
+
+Run = Callable[..., tuple[int, str, str]]
 
 DATA = Path(__file__).parents[2] / "shared" / "data"
 TRIALS = int(os.environ.get("MRM_FIT_TRIALS", "12"))
@@ -253,5 +258,113 @@ def test_figure_4_shows_what_the_wrong_cosine_does(tmp_path: Path):
         assert path.stat().st_size > 1000
     picture = read_image(tmp_path / "mrm_figure_4.png")
     assert picture.std() > 0.05
+    again = tmp_path / "again"
+    (again / "mrm_figure_4.csv").mkdir(parents=True)
+    with pytest.raises(MrmError, match=r"mrm_figure_4.csv: cannot be written"):
+        write_figure_4(tape, again)
+    for name in ("mrm_figure_4.png", "mrm_figure_4.svg"):
+        assert (again / name).read_bytes() == (tmp_path / name).read_bytes()
+    assert not list(again.glob(".mrm-*"))
+    with pytest.raises(MrmError, match="Figure 4 needs samples whose directions are exchanged"):
+        write_figure_4(made("layered"), again)
     with pytest.raises(MrmError, match="one channel"):
         write_figure_4(Measurement(v, l, f, ("R", "G", "B")), tmp_path)
+
+
+def test_of_many_samples_the_error_is_that_of_all(monkeypatch: pytest.MonkeyPatch):
+    """Near the light the noise is five times that of the rest: samples that are drawn must have as many of either."""
+    from mrm_nodes.measured import fitting
+
+    v, l = (np.concatenate(each) for each in zip(*(places(seed=seed) for seed in range(12)), strict=True))
+    values = {name: np.asarray(true(name)) for name in find_model("layered").names(("luminance",))}
+    data = Measurement(v, l, find_model("layered").bsdf(values, ("luminance",)).eval(v, l)[:, :1])
+    data = data.where((data.from_retro >= np.radians(8.0)) | (np.arange(len(data)) % 4 == 0))
+    noise = np.where(data.from_retro < np.radians(8.0), 0.5, 0.1)[:, None]
+    data = replace(
+        data, value=data.value * np.exp(noise * np.random.default_rng(2).normal(size=data.value.shape))
+    )
+    monkeypatch.setattr(fitting, "MOST", 1200)
+    found = fit(data, "layered", TRUE)
+    known = usable(data)
+    assert len(found.measurement) == 1200 < len(known) == found.drawn_from
+    model = found.bsdf.eval(known.v, known.l)[:, :1]
+    over_all = np.sqrt(np.mean(np.log((model + 1e-3) / (known.value + 1e-3)) ** 2))
+    assert found.rmse == pytest.approx(over_all, rel=0.1)
+    assert f"over 1200 samples below 80 degrees, drawn from {len(known)}." in found.markup()
+
+
+# The command.
+
+
+def table(data: Measurement, path: Path, rows: slice = slice(None)) -> Path:
+    """A CSV file of samples."""
+    lines = [",".join(f"{each:.9g}" for each in row) for row in np.hstack([data.v, data.l, data.value])[rows]]
+    path.write_text("\n".join(["vx,vy,vz,lx,ly,lz,f", *lines]))
+    return path
+
+
+def test_what_cannot_be_fitted_again_is_a_question_mark_and_the_document_is_written(run: Run, tmp_path: Path):
+    """Nine samples for seven parameters: enough for one fit, but for none without a fifth of them."""
+    file = table(made("layered", 0.05), tmp_path / "few.csv", slice(0, 400, 50))
+    status, out, err = run("fit", file, "-o", tmp_path / "out" / "a.mtlx", "--no-compare")
+    assert status == 0, err
+    assert "? in five folds (" in out and "too few to fit" in out
+    assert (tmp_path / "out" / "a.mtlx").is_file()
+
+
+def test_an_angle_without_which_nothing_can_be_fitted_is_a_question_mark(run: Run, tmp_path: Path):
+    data = made("layered", 0.05)
+    some = np.flatnonzero(data.at_light(30.0))[:5]
+    shared = np.flatnonzero(data.at_light(10.0))[:60]
+    file = table(data.where(np.concatenate([shared, np.resize(some, 10)])), tmp_path / "two.csv")
+    status, out, err = run("fit", file, "-o", tmp_path / "a.mtlx", "--no-compare", "--model", "full")
+    assert status == 0, err
+    assert "? where it is left out (10 values below 80°" in out
+    assert (tmp_path / "a.mtlx").is_file()
+
+
+@pytest.mark.parametrize("angle", ["45", "nan", "inf"])
+def test_an_angle_that_is_not_there_is_said_before_anything_is_fitted(
+    run: Run, tmp_path: Path, angle: str, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("mrm_nodes.measured.fit", lambda *_: pytest.fail("it was fitted"))
+    file = table(made("layered"), tmp_path / "a.csv")
+    status, _, err = run("fit", file, "-o", tmp_path / "out" / "a.mtlx", "--hold-out", angle)
+    assert status == 2 and f"no light at {angle}°: the samples have it at 10, 30, 50, 70" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_only_angle_cannot_be_held_out(run: Run, tmp_path: Path):
+    data = made("layered")
+    file = table(data.where(data.at_light(30.0)), tmp_path / "a.csv")
+    status, _, err = run("fit", file, "-o", tmp_path / "out" / "a.mtlx", "--hold-out", "30")
+    assert status == 2 and "all samples have the light at 30°: none is left" in err
+    assert not (tmp_path / "out").exists()
+
+
+def test_without_matplotlib_a_plot_is_refused_before_anything_is_fitted(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    file = table(made("layered"), tmp_path / "a.csv")
+    monkeypatch.setattr("mrm_nodes.measured.fit", lambda *_: pytest.fail("it was fitted"))
+    status, _, err = run("fit", file, "-o", tmp_path / "out" / "a.mtlx", "--plot")
+    assert status == 2 and "a plot needs Matplotlib" in err and err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("ending", ["svg", "pdf", "png"])
+def test_a_plot_is_the_same_file_again(
+    run: Run, tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
+):
+    pytest.importorskip("matplotlib")
+    file = table(made("layered"), tmp_path / "a.csv", slice(0, 400, 5))
+    plots = []
+    for folder in (tmp_path / "first", tmp_path / "second"):
+        # What Matplotlib takes for the time of writing.
+        monkeypatch.setenv("SOURCE_DATE_EPOCH", "1000000000" if plots else "1500000000")
+        plot = folder / f"a.{ending}"
+        status, _, err = run("fit", file, "-o", folder / "a.mtlx", "--no-compare", "--plot", plot)
+        assert status == 0, err
+        plots.append(plot.read_bytes())
+    assert plots[0] == plots[1]

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from mrm_nodes.commands.progress import progress
 from mrm_nodes.errors import MrmError
+from mrm_nodes.plotfile import ENDINGS, check_plot, figure_bytes
 
 if TYPE_CHECKING:
     from mrm_nodes.measured import Fit, Measurement
 
-PLOTS = (".png", ".svg", ".pdf")
 BESIDE = "beside the document"
 
 
@@ -44,7 +42,7 @@ BESIDE = "beside the document"
     is_flag=False,
     flag_value=BESIDE,
     metavar="FILE",
-    help=f"Draw the fit: {', '.join(PLOTS)}; without a name, an SVG {BESIDE}.",
+    help=f"Draw the fit: {', '.join(ENDINGS)}; without a name, an SVG {BESIDE}.",
 )
 @click.option("--name", help="Name of the material.  [default: that of the document]")
 @click.option(
@@ -65,46 +63,53 @@ def fit(
 
     DATA: ALTA .dat, MERL .binary, RGL .bsdf, ASTM E1392, OpenMATERIAL .xompt, or CSV.
     """
-    from mrm_nodes.files import prepare_folder, write_bytes, write_text
+    from mrm_nodes.files import prepare_folder, write_together
     from mrm_nodes.measured import MODELS, folds, leave_angles_out, read
     from mrm_nodes.measured import fit as fit_model
+    from mrm_nodes.measured.fitting import FOLDS, angles_to_leave_out, usable
     from mrm_nodes.measured.models import find_model
 
     if output.suffix.lower() != ".mtlx":
         raise MrmError(f"{output}: unknown document ending {output.suffix or '(none)'}; use .mtlx")
     drawing = None if plot is None else output.with_suffix(".svg") if plot == BESIDE else Path(plot)
-    if drawing is not None and drawing.suffix.lower() not in PLOTS:
-        raise MrmError(
-            f"{drawing}: unknown image ending {drawing.suffix or '(none)'}; use {', '.join(PLOTS)}"
-        )
+    if drawing is not None:
+        check_plot(drawing)
     find_model(model)
     measurement = read(data, cosine)
     if channels:
         measurement = measurement.pick(channels)
-    prepare_folder(output.parent)
-    with _bar() as steps:
-        found = fit_model(measurement, model, progress=steps("fit"))
-        crossed = folds(measurement, found, progress=steps("five folds"))
-        left = leave_angles_out(measurement, found, held, steps("an angle left out"))
-        others: dict[str, Fit | None] = {}
-        if compare:
-            step = steps("other models")
-            rest = [each for each in MODELS if each != model]
-            for done, each in enumerate(rest):
-                try:
-                    others[each] = fit_model(measurement, each, found.parameters)
-                except MrmError:
-                    others[each] = None  # too few samples for it
-                step(done + 1, len(rest))
+    angles = angles_to_leave_out(usable(measurement), held)
+    rest = [each for each in MODELS if each != model] if compare else []
+    others: dict[str, Fit | None] = {}
+    left: dict[float, float | str] = {}
+    crossed: float | str
+    with progress("fit", 1 + FOLDS + len(angles) + len(rest)) as step:
+        found = fit_model(measurement, model)
+        step()
+        try:
+            crossed = folds(measurement, found, progress=step)
+        except MrmError as error:
+            crossed = str(error)
+        for angle in angles:
+            try:
+                left |= leave_angles_out(measurement, found, (angle,), step)
+            except MrmError as error:
+                left[angle] = str(error)
+        for each in rest:
+            try:
+                others[each] = fit_model(measurement, each, found.parameters)
+            except MrmError:
+                others[each] = None  # too few samples for it
+            step()
     _tell(data, measurement, found, crossed, left, others)
-    text = found.markup(name or output.stem)
-    picture = None if drawing is None else _drawn(found, drawing.suffix.lower().removeprefix("."))
-    write_text(output, text)
-    click.echo(output)
-    if drawing is not None and picture is not None:
-        prepare_folder(drawing.parent)
-        write_bytes(drawing, picture)
-        click.echo(drawing)
+    files = {output: found.markup(name or output.stem).encode()}
+    if drawing is not None:
+        files[drawing] = figure_bytes(found.measurement.plot([(f"fit, {found.model}", found.bsdf)]), drawing)
+    for path in files:
+        prepare_folder(path.parent)
+    write_together(files)
+    for path in files:
+        click.echo(path)
 
 
 def _list_models(context: click.Context, _: click.Parameter, asked: bool) -> None:
@@ -116,43 +121,19 @@ def _list_models(context: click.Context, _: click.Parameter, asked: bool) -> Non
         context.exit()
 
 
-@contextmanager
-def _bar() -> Iterator[Callable[[str], Callable[[int, int], None]]]:
-    """Give out progress functions by what is being done; a bar on a terminal, nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    console = Console(stderr=True)
-    bar = Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=40),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        disable=not console.is_terminal,
-    )
-    with bar:
-
-        def steps(what: str) -> Callable[[int, int], None]:
-            row = bar.add_task(what, total=None)
-            return lambda done, total: bar.update(row, completed=done, total=total)
-
-        yield steps
-
-
 def _tell(
     data: Path,
     measurement: Measurement,
     found: Fit,
-    crossed: float,
-    left: dict[float, float],
+    crossed: float | str,
+    left: dict[float, float | str],
     others: dict[str, Fit | None],
 ) -> None:
     sample = f' "{measurement.sample}"' if measurement.sample else ""
     lights = measurement.light_angles()
     at = f", light at {', '.join(f'{each:g}' for each in lights)}°" if lights else ""
     click.echo(
-        f"{data}:{sample} {len(measurement)} samples, {len(found.measurement)} fitted (below 80°, above 0)"
+        f"{data}:{sample} {len(measurement)} samples, {len(found.measurement)} fitted (below 80°, above 0{found.drawn})"
         f"{at}, {', '.join(measurement.channels)}"
     )
     click.echo(f"\n{f'model {found.model}':<20} {'value':>10} {'deviation':>10}")
@@ -164,11 +145,11 @@ def _tell(
         )
     for first, second, together in found.correlations:
         click.echo(f"{first} and {second} move together: correlation {together:+.2f}")
-    click.echo(f"\nRMSE of ln(f + 0.001): {found.rmse:.4f} fitted, {crossed:.4f} in five folds")
+    click.echo(f"\nRMSE of ln(f + 0.001): {found.rmse:.4f} fitted, {_error(crossed, 'in five folds', 4)}")
     peaks = found.peaks()
     for angle in sorted({*peaks, *left}):
         peak = f"peak {100.0 * (peaks[angle] - 1.0):+.0f} %" if angle in peaks else "no sample at the peak"
-        rest = f", RMSE {left[angle]:.3f} where it is left out" if angle in left else ""
+        rest = f", RMSE {_error(left[angle], 'where it is left out', 3)}" if angle in left else ""
         click.echo(f"light at {angle:g}°: {peak}{rest}")
     if len(lights) == 1:
         click.echo("one angle of the light: what another would show is not known")
@@ -187,11 +168,6 @@ def _tell(
     click.echo()
 
 
-def _drawn(found: Fit, form: str) -> bytes:
-    stream = io.BytesIO()
-    try:
-        figure = found.measurement.plot([(f"fit, {found.model}", found.bsdf)])
-    except ImportError as error:
-        raise MrmError(str(error)) from None
-    figure.savefig(stream, format=form, dpi=150)
-    return stream.getvalue()
+def _error(found: float | str, where: str, digits: int) -> str:
+    """An error, or why it is not known."""
+    return f"? {where} ({found})" if isinstance(found, str) else f"{found:.{digits}f} {where}"

@@ -70,7 +70,8 @@ def photometry(
     """
     from mrm_nodes.files import prepare_folder
     from mrm_nodes.photometry import check, find_class, read_sheet
-    from mrm_nodes.photometry.plot import check_plot, write_plot
+    from mrm_nodes.photometry.plot import write_plot
+    from mrm_nodes.plotfile import check_plot
 
     if name is None and colour is not None:
         raise MrmError("--colour is of a class: name it with --class")

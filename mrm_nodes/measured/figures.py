@@ -3,36 +3,34 @@
 from __future__ import annotations
 
 import csv
+import io
 from pathlib import Path
 
 import numpy as np
 
 from mrm_nodes import reference as ref
 from mrm_nodes.errors import MrmError
-from mrm_nodes.measured.fitting import Fit, Progress, fit
-from mrm_nodes.measured.measurement import Array, Measurement, directions, isotropic
+from mrm_nodes.files import write_together
+from mrm_nodes.measured.fitting import Fit, fit
+from mrm_nodes.measured.measurement import Array, Measurement, directions
 from mrm_nodes.measured.plots import COLOURS, in_plane, pyplot
+from mrm_nodes.measured.reciprocity import exchanged
+from mrm_nodes.plotfile import figure_bytes
 
 PAPER = ref.GeneralizedSchlick(0.19, color82=0.0, color90=1.0, alpha=0.23**2, retroreflectivity=1.0)
 """001, Section 5: roughness 0.23, F0 = 0.19, F82 = 0; no other layer is named."""
 NAME = "mrm_figure_4"
-NEAREST = np.radians(1.6)
 
 
 def pairs(measurement: Measurement) -> tuple[Array, Array]:
     """f(v, l) and f(l, v), each (p), of the pairs of directions that a measurement has both of."""
-    from scipy.spatial import cKDTree
-
     value = measurement.value.mean(axis=1)
-    here, there = (
-        isotropic(*each) for each in ((measurement.v, measurement.l), (measurement.l, measurement.v))
-    )
-    distance, index = cKDTree(here).query(there, distance_upper_bound=NEAREST)
-    first = np.flatnonzero(np.isfinite(distance) & (measurement.v[:, 2] < measurement.l[:, 2] - 0.05))
-    return value[first], value[index[first]]
+    found, other = exchanged(measurement.v, measurement.l)
+    slanted = measurement.v[found, 2] < measurement.l[found, 2] - 0.05
+    return value[found[slanted]], value[other[slanted]]
 
 
-def write_figure_4(measurement: Measurement, directory: Path, progress: Progress | None = None) -> list[Path]:
+def write_figure_4(measurement: Measurement, directory: Path) -> list[Path]:
     """Draw the figure as PNG and SVG, with its curves as CSV; returns the paths.
 
     Above: f against the viewer's angle, a panel a light. Below: each pair of samples whose directions are exchanged,
@@ -40,12 +38,12 @@ def write_figure_4(measurement: Measurement, directory: Path, progress: Progress
 
     Raises:
         ImportError: Matplotlib is missing.
-        MrmError: the measurement has several channels, or too few samples.
+        MrmError: the measurement has several channels, or too few samples; a file cannot be written.
     """
     if len(measurement.channels) != 1:
         raise MrmError("Figure 4 shows one channel: name a file that has one")
     plt = pyplot()
-    found = fit(measurement, "layered", progress=progress)
+    found = fit(measurement, "layered")
     lights = measurement.light_angles()[:3]
     if not lights:
         raise MrmError("Figure 4 needs samples that share a few angles of the light")
@@ -54,13 +52,11 @@ def write_figure_4(measurement: Measurement, directory: Path, progress: Progress
     rows = _curves(above, measurement, found, lights)
     _reciprocity(below, measurement)
     written = [directory / f"{NAME}.png", directory / f"{NAME}.svg", directory / f"{NAME}.csv"]
-    for path in written[:2]:
-        figure.savefig(path, dpi=150)
+    files = {path: figure_bytes(figure, path) for path in written[:2]}
     plt.close(figure)
-    with written[2].open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["panel", "curve", "x", "y"])
-        writer.writerows(rows)
+    table = io.StringIO()
+    csv.writer(table).writerows([("panel", "curve", "x", "y"), *rows])
+    write_together({**files, written[2]: table.getvalue().encode()})
     return written
 
 
@@ -97,15 +93,17 @@ def _curves(
 def _reciprocity(figure: object, measurement: Measurement) -> None:
     axes = figure.subplots(1, 2, sharex=True, sharey=True)  # type: ignore[attr-defined]
     raw = measurement.value * measurement.v[:, 2:]
-    grazing = (measurement.v[:, 2] > 0.17) & (measurement.l[:, 2] > 0.17)
+    not_grazing = (measurement.v[:, 2] > 0.17) & (measurement.l[:, 2] > 0.17)
     for axis, (title, cosine), colour in zip(
         axes,
         {"divided by cos θv": measurement.v[:, 2:], "divided by cos θl": measurement.l[:, 2:]}.items(),
         (COLOURS[1], COLOURS[3]),
         strict=True,
     ):
-        f = Measurement(measurement.v, measurement.l, raw / cosine, measurement.channels).where(grazing)
+        f = Measurement(measurement.v, measurement.l, raw / cosine, measurement.channels).where(not_grazing)
         there, back = pairs(f)
+        if not len(there):
+            raise MrmError("Figure 4 needs samples whose directions are exchanged, and there are none")
         ends = np.array([min(there.min(), back.min()), max(there.max(), back.max())])
         axis.plot(ends, ends, color="black", lw=0.8)
         axis.plot(back, there, ".", color=colour, ms=3)

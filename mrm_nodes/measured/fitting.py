@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -29,7 +30,9 @@ UNSURE = 0.2
 SEED = 20140112
 """Which samples are drawn where there are too many: always the same."""
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[], None]
+"""Called after each fit of several."""
+FOLDS = 5
 
 
 @dataclass(frozen=True)
@@ -48,12 +51,19 @@ class Fit:
     """(n, k): ln(model + 1e-3) - ln(measured + 1e-3) of the samples below 80°."""
     measurement: Measurement
     """Those samples."""
+    drawn_from: int
+    """How many there are of which these were drawn at random; as many, unless there are more than `MOST`."""
     bsdf: Retroreflector
 
     @property
     def rmse(self) -> float:
         """The root mean square of the residuals."""
         return float(np.sqrt(np.mean(self.residuals**2)))
+
+    @property
+    def drawn(self) -> str:
+        """What to say where not all samples were fitted."""
+        return f", drawn from {self.drawn_from}" if self.drawn_from > len(self.measurement) else ""
 
     def markup(self, name: str = "", doc: str = "") -> str:
         """The fit as the text of a MaterialX document.
@@ -89,7 +99,7 @@ class Fit:
         parameters = ", ".join(f"{name} {value:.4g}" for name, value in self.parameters.items())
         said = (
             f"Fit{sample}, model {self.model}: {parameters}; RMSE {self.rmse:.3f} of ln(f + {FLOOR:g} 1/sr) over "
-            f"{len(self.measurement)} samples below 80 degrees."
+            f"{len(self.measurement)} samples below 80 degrees{self.drawn}."
         )
         if len(self.measurement.channels) == 1:
             said += " One channel was measured: colours are grey."
@@ -100,18 +110,17 @@ def fit(
     measurement: Measurement,
     model: str = "layered",
     start: Mapping[str, float] | None = None,
-    progress: Progress | None = None,
 ) -> Fit:
     """Fit a model to a measurement.
 
     start: values to start from instead of the usual ones, of some parameters or all.
-    progress: called with how many starts are done, of how many.
 
     Raises:
         MrmError: no such model, no fewer parameters than samples, or channels other than one or three.
     """
     described = find_model(model)
-    fitted = usable(measurement)
+    known = usable(measurement)
+    fitted = _drawn(known)
     task = _Task(described, fitted, weights(fitted))
     count = len(task.names)
     if fitted.value.size <= count:
@@ -119,21 +128,14 @@ def fit(
             f"{fitted.value.size} values below 80°, but {count} parameters of {model}: that is too few to fit"
         )
     rough = _Task(described, *_thinned(fitted, weights(fitted), ROUGH))
-    starts = _starts(task.names, fitted, start)
-    tried = []
-    for done, each in enumerate(starts):
-        tried.append(rough.search(task.free(each), EVALUATIONS))
-        if progress is not None:
-            progress(done + 1, len(starts) + 1)
+    tried = [rough.search(task.free(each), EVALUATIONS) for each in _starts(task.names, fitted, start)]
     best = min(tried, key=lambda found: found.cost)
     polished = task.search(best.x, 2 * EVALUATIONS)
-    if progress is not None:
-        progress(len(starts) + 1, len(starts) + 1)
-    return task.result(model, polished)
+    return task.result(model, polished, len(known))
 
 
 def usable(measurement: Measurement) -> Measurement:
-    """The samples that are fitted: below 80°, not black, and no more than teach something.
+    """The samples that can be fitted: below 80°, and not black.
 
     Raises:
         MrmError: none, or channels other than one or three.
@@ -149,11 +151,14 @@ def usable(measurement: Measurement) -> Measurement:
     )
     if not mask.any():
         raise MrmError("no sample below 80° has a value above 0: there is nothing to fit")
-    chosen = measurement.where(mask)
-    if len(chosen) <= MOST:
-        return chosen
-    thinned, _ = _thinned(chosen, weights(chosen), MOST)
-    return thinned
+    return measurement.where(mask)
+
+
+def _drawn(measurement: Measurement) -> Measurement:
+    """At most `MOST` samples, each as likely as the others, so that errors over these are errors over all."""
+    if len(measurement) <= MOST:
+        return measurement
+    return measurement.where(np.sort(np.random.default_rng(SEED).permutation(len(measurement))[:MOST]))
 
 
 def weights(measurement: Measurement) -> Array:
@@ -169,8 +174,14 @@ def weights(measurement: Measurement) -> Array:
     return weight
 
 
-def folds(measurement: Measurement, found: Fit, count: int = 5, progress: Progress | None = None) -> float:
-    """The RMSE of samples that were not fitted: each fifth of them, drawn at random, by a fit to the others."""
+def folds(
+    measurement: Measurement, found: Fit, count: int = FOLDS, progress: Progress | None = None
+) -> float:
+    """The RMSE of samples that were not fitted: each fifth of them, drawn at random, by a fit to the others.
+
+    Raises:
+        MrmError: too few samples are left.
+    """
     fitted = found.measurement
     part = np.random.default_rng(SEED).permutation(len(fitted)) % count
     squares = []
@@ -178,7 +189,7 @@ def folds(measurement: Measurement, found: Fit, count: int = 5, progress: Progre
         other = fit(fitted.where(part != k), found.model, found.parameters)
         squares.append(_squares(other.bsdf, fitted.where(part == k)))
         if progress is not None:
-            progress(k + 1, count)
+            progress()
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
@@ -190,27 +201,43 @@ def leave_angles_out(
     angles: those to leave out, each alone; by default all.
 
     Raises:
-        MrmError: no sample has such an angle.
+        MrmError: as `angles_to_leave_out`; too few samples are left.
     """
     fitted = found.measurement
-    known = fitted.light_angles()
-    chosen = [min(known, key=lambda each: abs(each - angle), default=angle) for angle in angles] or known
-    for angle, asked in zip(chosen, angles or known, strict=True):
-        if angle not in known or abs(angle - asked) > 1.0:
-            raise MrmError(
-                f"no light at {asked:g}°: the samples have it at "
-                f"{', '.join(f'{each:g}' for each in known) or 'many angles'}"
-            )
-    if len(known) < 2:
-        return {}
+    chosen = angles_to_leave_out(fitted, angles)
     errors = {}
-    for done, angle in enumerate(chosen):
+    for angle in chosen:
         mask = fitted.at_light(angle)
         other = fit(fitted.where(~mask), found.model, found.parameters)
         errors[angle] = float(np.sqrt(_squares(other.bsdf, fitted.where(mask)).mean()))
         if progress is not None:
-            progress(done + 1, len(chosen))
+            progress()
     return errors
+
+
+def angles_to_leave_out(measurement: Measurement, angles: Sequence[float] = ()) -> list[float]:
+    """The angles of the light in degrees, of those that a measurement has, nearest to some; by default all.
+
+    None where one is all there is.
+
+    Raises:
+        MrmError: no sample has such an angle, or all have.
+    """
+    known = measurement.light_angles()
+    if not angles:
+        return known if len(known) > 1 else []
+    chosen = []
+    for asked in angles:
+        nearest = min(known, key=lambda each: abs(each - asked), default=math.nan)
+        if not abs(nearest - asked) <= 1.0:
+            raise MrmError(
+                f"no light at {asked:g}°: the samples have it at "
+                f"{', '.join(f'{each:g}' for each in known) or 'many angles'}"
+            )
+        if len(known) < 2:
+            raise MrmError(f"all samples have the light at {nearest:g}°: none is left where that is held out")
+        chosen.append(nearest)
+    return chosen
 
 
 def _squares(bsdf: Retroreflector, measurement: Measurement) -> Array:
@@ -309,8 +336,8 @@ class _Task:
         both = self.residuals(moved).reshape(2 * p, -1)
         return np.asarray((both[:p] - both[p:]).T / (2.0 * step))
 
-    def result(self, name: str, found: Any) -> Fit:
-        """What the search found, and how sure it is."""
+    def result(self, name: str, found: Any, known: int) -> Fit:
+        """What the search found, and how sure it is. known: how many samples these were drawn from."""
         residuals = self.residuals(found.x)
         values = {key: float(value) for key, value in self.values(found.x).items()}
         covariance = self._covariance(found.x, residuals.ravel())
@@ -329,7 +356,9 @@ class _Task:
                     if abs(together) > 0.9:
                         pairs.append((self.names[j], self.names[i], float(together)))
         bsdf = self.model.bsdf({key: np.asarray(value) for key, value in values.items()}, self.channels)
-        return Fit(name, values, deviations, unsure, tuple(pairs), residuals, self.measurement, _plain(bsdf))
+        return Fit(
+            name, values, deviations, unsure, tuple(pairs), residuals, self.measurement, known, _plain(bsdf)
+        )
 
     def _covariance(self, free: Array, residuals: Array) -> Array:
         """Of the estimate, from the residuals as they are: samples weigh what they weigh, and outliers little."""

@@ -2,42 +2,24 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes.errors import MrmError
 from mrm_nodes.files import write_bytes
 from mrm_nodes.photometry.classes import Requirement, RetroClass
 from mrm_nodes.photometry.coefficients import Scatterer, retroreflection
 from mrm_nodes.photometry.colour import luminance
+from mrm_nodes.plotfile import check_plot, figure_bytes
 
 Array = NDArray[np.float64]
 
-ENDINGS = (".svg", ".png", ".pdf")
 _COLOURS = ("#2b5fb3", "#d9822b", "#2a8a3a", "#c0392b")
 _OBSERVATIONS, _ENTRANCES = (0.2, 0.3333, 1.0, 2.0), (5.0, 30.0, 40.0)
 """Degrees that are drawn where no class has others."""
 _MOST_OBSERVATION, _MOST_ENTRANCE = 3.0, 60.0
-
-
-def check_plot(path: Path) -> None:
-    """Check that a plot can be drawn and written under this name.
-
-    Raises:
-        MrmError: another ending; Matplotlib is not installed.
-    """
-    if path.suffix.lower() not in ENDINGS:
-        raise MrmError(
-            f"{path}: unknown ending {path.suffix or '(none)'} of a plot; use {', '.join(ENDINGS)}"
-        )
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError:
-        raise MrmError("a plot needs Matplotlib: pip install 'mrm-nodes[figures]'") from None
 
 
 def write_plot(
@@ -68,16 +50,7 @@ def write_plot(
     figure.suptitle(
         title if retro_class is None else f"{title}; steps: minima of {retro_class.name}", fontsize=11
     )
-    drawn = io.BytesIO()
-    # Without a date and with names that do not change, the same plot is the same file.
-    metadata: dict[str, Any] = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(
-        path.suffix.lower(), {}
-    )
-    import matplotlib
-
-    with matplotlib.rc_context({"svg.hashsalt": "mrm-nodes"}):
-        figure.savefig(drawn, format=path.suffix[1:].lower(), dpi=150, metadata=metadata)
-    write_bytes(path, drawn.getvalue())
+    write_bytes(path, figure_bytes(figure, path))
 
 
 def _panel(

@@ -1,7 +1,7 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
 # make regress-full  more textured cases, each drawn first in a process of its own; the default suite with the cache and
-#                without
+#                without; and a picture of each shipped material, on each backend
 # make sweep     MaterialX's own documents, where they lie beside the checkout, through everything, beside its own
 #                renderer, and all of its examples moved over; a quarter of an hour
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
@@ -37,6 +37,7 @@ regress: setup
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
 	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py $(TEXTURED)
+	MRM_PICTURES=1 $(BIN)/python -m pytest -q -n 2 tests/test_pictures.py -k shipped_material
 
 sweep: targets
 	MRM_EXAMPLES=all $(BIN)/python -m pytest -q $(SWEEP) tests/test_retrofit_examples.py

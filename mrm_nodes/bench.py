@@ -22,7 +22,7 @@ import numpy as np
 from mrm_nodes.library import shared_library
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.render.context import GLContext, get_context
-from mrm_nodes.render.environment import EnvironmentTextures, studio
+from mrm_nodes.render.environment import Environment, EnvironmentTextures, studio
 from mrm_nodes.render.renderer import render
 from mrm_nodes.shadergen import Shader, generate_shader
 
@@ -142,12 +142,11 @@ def _frame_times(
     target = ctx.framebuffer([picture], depth)
     target.use()
     ctx.enable_only(moderngl.DEPTH_TEST)
-    textures = EnvironmentTextures.upload(context, studio())
+    around = studio()
+    textures = EnvironmentTextures.upload(context, around)
     black = ctx.texture((1, 1), 3, np.zeros(3, np.float32), alignment=1, dtype="f4")
     made += [target, picture, depth, textures, black]
-    arrays = {
-        subject: _patch_array(ctx, shader, light, textures, made) for subject, shader in shaders.items()
-    }
+    arrays = {subject: _patch_array(ctx, shader, light, around, made) for subject, shader in shaders.items()}
     (textures.radiance if LIGHTS[light][1] else black).use(0)
     software = "llvmpipe" in context.renderer.lower() or "softpipe" in context.renderer.lower()
     times: dict[str, list[float]] = {subject: [] for subject in shaders}
@@ -176,7 +175,7 @@ def _frame_times(
 
 
 def _patch_array(
-    ctx: moderngl.Context, shader: Shader, light: str, textures: EnvironmentTextures, made: list[Any]
+    ctx: moderngl.Context, shader: Shader, light: str, around: Environment, made: list[Any]
 ) -> moderngl.VertexArray:
     """Return a slightly curved patch that fills the picture, lit by one directional light.
 
@@ -185,7 +184,7 @@ def _patch_array(
     program = ctx.program(vertex_shader=shader.vertex, fragment_shader=shader.pixel)
     samples = LIGHTS[light][1]
     identity = tuple(np.eye(4).ravel().tolist())
-    values: dict[str, Any] = textures.uniforms() | {
+    values: dict[str, Any] = around.uniforms() | {
         "u_worldMatrix": identity,
         "u_worldInverseTransposeMatrix": identity,
         "u_viewProjectionMatrix": identity,

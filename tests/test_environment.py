@@ -164,6 +164,9 @@ def test_built_in_environments_are_valid_and_small():
 def test_another_number_of_samples_shares_what_was_made_of_the_map():
     few = env.Environment(rng_map(), rotation=20.0)
     many = few.resampled(999)
+    assert many.radiance is few.radiance
+    with pytest.raises(MrmError, match="0 samples"):
+        few.resampled(0)
     assert (many.samples, many.rotation, few.samples) == (999, 20.0, env.DEFAULT_SAMPLES)
     assert many.levels is few.levels
     assert many.irradiance is few.irradiance

@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from mrm_nodes.cli import cli
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.photometry import luminance, luminance_coefficient, material_for, retroreflection
 from mrm_nodes.render import Camera, probe_backends
 from mrm_nodes.scenes import shapes
@@ -17,6 +17,8 @@ from mrm_nodes.scenes.compose import Room, Scene, Thing
 from mrm_nodes.scenes.headlamp import Headlamp, dipped, find_headlamp
 from mrm_nodes.scenes.night import (
     CLASSES,
+    LEGEND,
+    NightPicture,
     class_shader,
     false_colours,
     headlights,
@@ -105,6 +107,9 @@ def test_a_table_of_a_headlamp_is_read_in_any_order(tmp_path: Path) -> None:
         ("horizontal,vertical,candela\n0,0\n", "line 2: three numbers are wanted"),
         ("horizontal,vertical,candela\n0,0,nan\n", "line 2: angles are in degrees"),
         ("horizontal,vertical,candela\n0,0,-1\n", "line 2: angles are in degrees"),
+        ("horizontal,vertical,candela\n0,0,1.1e7\n", "line 2: .* from 0 to 1e\\+07 cd"),
+        ("horizontal,vertical,candela\n0,0,1\n0,1," + "1" * 200_000, "line 3: field larger than field limit"),
+        ("x" * 200_000, "line 1: field larger than field limit"),
         ("horizontal,vertical,candela\n0,0,1\n0,0,1\n", "line 3: this direction is there already"),
         ("horizontal,vertical,candela\n0,0,1\n1,0,1\n0,1,1\n", "no grid"),
         ("horizontal,vertical,candela\n0,0,0\n1,0,0\n0,1,0\n1,1,0\n", "gives no light"),
@@ -129,6 +134,7 @@ def test_a_table_that_is_none_is_said(text: str, message: str, tmp_path: Path) -
         (["road", "--class", "RA2", "--mesh", "sphere"], "--class is for the road"),
         (["road", "--class", "RA2", "--headlamp", "0"], "headlamp 0: the largest intensity is above 0"),
         (["road", "--class", "RA2", "--headlamp", "nan"], "headlamp nan: the largest"),
+        (["road", "--class", "RA2", "--headlamp", "1.1e7"], "above 0 and at most 1e+07 cd"),
         (["road", "--class", "RA2", "--headlamp", "lamp.ies"], "headlamp lamp.ies: cannot be read"),
         (["road", "--headlamp", "100"], "name some with --class"),
     ],
@@ -167,3 +173,26 @@ def test_the_legend_lies_below_both_pictures() -> None:
     assert sheet.shape[1] == width and sheet.shape[0] > 2 * height
     assert np.array_equal(sheet[:height], seen.picture) and seen.picture.max() > 0.5
     assert sheet[2 * height :].max() > 0.5
+
+
+def test_a_narrow_picture_has_its_legend_too() -> None:
+    """The narrowest that the command draws."""
+    sheet = with_legend(NightPicture(np.ones((16, 42)), np.ones((16, 42, 3), np.float32), 0.0))
+    assert sheet.shape[1] == LEGEND and sheet[33 + 8 :].max() > 0.5
+    left = (LEGEND - 42) // 2
+    assert (sheet[:16, left : left + 42] == 1.0).all() and sheet[:16, :left].max() < 0.1
+
+
+def test_what_an_exr_of_the_road_does_not_take_is_said(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = NightPicture(np.ones((8, 8)), np.ones((8, 8, 3), np.float32), -1.2345)
+    black = (0.0, 0.0, 0.0)
+    monkeypatch.setattr(
+        "mrm_nodes.scenes.night.night_road", lambda *_: Scene([], Camera(), [], (black, black))
+    )
+    monkeypatch.setattr("mrm_nodes.scenes.night.seen_of", lambda *_, **__: seen)
+    arguments = ["scene", "road", "--class", "RA2", "--exposure", "-1.2345", "--tonemap", "neutral"]
+    with pytest.warns(MrmWarning, match="--exposure and --tonemap: an .exr has linear light"):
+        result = CliRunner().invoke(cli, [*arguments, "-o", str(tmp_path / "a.exr")])
+    assert result.exit_code == 0 and "exposure -1.2345 stops" in result.output

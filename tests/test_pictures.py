@@ -28,8 +28,8 @@ from mrm_nodes.render import (
 from mrm_nodes.render.antialias import sample_offsets
 from mrm_nodes.render.background import environment_behind, parse_background
 from mrm_nodes.render.environment import Environment, directions
-from mrm_nodes.render.exposure import auto_exposure, lit_pixels
-from mrm_nodes.render.picture import Development
+from mrm_nodes.render.exposure import auto_exposure, lit_pixels, stops_text
+from mrm_nodes.render.picture import Developer, Development, Picture
 from mrm_nodes.render.tonemap import find_tonemap, srgb_decoded, srgb_encoded, tone_maps
 from mrm_nodes.shadergen import Shader, generate_shader
 
@@ -92,6 +92,10 @@ def test_a_view_is_opencolorio_s_own(view):
     assert np.abs(srgb_encoded(find_tonemap(view)(colors)) - expected).max() < 0.25 / 255
     numbers = np.linspace(0, 1, 30).reshape(10, 3)
     assert np.abs(srgb_encoded(find_tonemap("raw")(numbers)) - numbers).max() < 1e-5
+
+
+def test_a_tone_mapping_s_name_is_of_either_case():
+    assert find_tonemap("Neutral") == find_tonemap("neutral") and find_tonemap("NONE").name == "none"
 
 
 @pytest.mark.parametrize("name", tone_maps())
@@ -182,7 +186,27 @@ def test_what_is_printed_gives_the_same_picture_again():
     alpha = np.ones((40, 40), np.float32)
     stops = auto_exposure(image, alpha, 4.0)
     assert float(f"{stops:.2f}") == stops
-    assert auto_exposure(np.zeros_like(image), alpha, 4.0) == 0.0
+    assert stops_text(stops) == f"{stops:.2f}" and stops_text(-1.2345) == "-1.2345"
+    assert stops_text(3.0, "+") == "+3.00" and float(stops_text(0.1 + 0.2)) == 0.1 + 0.2
+
+
+def test_where_nothing_is_lit_exposure_has_no_opinion():
+    image, alpha = np.zeros((8, 8, 3), np.float32), np.ones((8, 8), np.float32)
+    assert auto_exposure(image, alpha, 4.0) is None
+    assert auto_exposure(image, 0 * alpha, 4.0, image) is None
+    behind = np.full((8, 8, 3), 500.0, np.float32)
+    assert auto_exposure(image, alpha, 4.0, behind) is None, "all of it is hidden"
+    assert 500 * 2.0 ** auto_exposure(image, 0 * alpha, 4.0, behind) == pytest.approx(2 * 0.98, rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("share", "said"),
+    [(0.0, "none"), (1e-9, "0.01 %"), (0.00123, "0.12 %"), (0.0999, "10 %"), (0.254, "25 %"), (1.0, "100 %")],
+)
+def test_the_clipped_share_is_said_in_plain_numbers(share, said):
+    picture = Picture(np.zeros((1, 1, 3), np.float32), None, -1.2345, share, "none")
+    assert picture.summary() == f"exposure -1.2345 stops, none: {said} of lit pixels clipped"
+    assert picture.said()["mrm:exposure"] == "-1.2345"
 
 
 def test_what_is_behind_is_not_all_white():
@@ -217,11 +241,39 @@ def test_one_sample_is_the_raw_render_to_the_bit(backend, tape, tmp_path):
         pixels = read_image(tmp_path / f"{number}.exr")
         assert np.array_equal(pixels[..., :3], raw.image) and raw.image.max() > 0
         assert np.array_equal(pixels[..., 3], raw.mask.astype(np.float32))
-        assert np.array_equal(rendered.picture.pixels, drawn_again(rendered)), "a picture comes of it too"
+        rendered.save(tmp_path / f"{number}.png")
+        shown = read_image(tmp_path / f"{number}.png")
+        assert np.abs(shown - by_hand(rendered, look)).max() < 0.6 / 255, "a picture comes of it too"
 
 
-def drawn_again(rendered: mrm_nodes.render.RenderedImage) -> np.ndarray:
-    return rendered.developer().picture().pixels
+def by_hand(rendered: mrm_nodes.render.RenderedImage, look: dict[str, Any]) -> np.ndarray:
+    """The values of a PNG of an opaque ball: exposed, tone-mapped and encoded; what is behind it is, or is alpha."""
+    assert rendered.picture.exposure == look.get("exposure", rendered.picture.exposure)
+    background = look.get("background")
+    light = rendered.image.copy()
+    if background == "environment":
+        light[~rendered.mask] = environment_behind(SMALL, rendered.camera, (64, 48))[~rendered.mask]
+    exposed = light * np.float32(2.0**rendered.picture.exposure)
+    if look.get("tonemap") == "none":
+        shown = np.minimum(exposed, 1.0)
+    else:
+        shown = np.array([khronos_neutral(tuple(color)) for color in exposed.reshape(-1, 3).astype(float)])
+        shown = np.clip(shown, 0.0, 1.0).reshape(exposed.shape)
+    if background is None:
+        return np.dstack([srgb_encoded(shown), rendered.mask])
+    return np.where(rendered.mask[..., None] | (background == "environment"), srgb_encoded(shown), 1.0)
+
+
+def test_without_a_picture_an_image_of_many_samples_is_the_same_and_none_is_developed(tape, monkeypatch):
+    shader, ball = shader_of(tape), load_mesh("sphere")
+    options = {"lights": "camera", "size": (24, 24), "samples": 4, "environment": SMALL}
+    wanted = mrm_nodes.render(shader, ball, **options)
+    monkeypatch.delattr(Developer, "add")
+    alone = mrm_nodes.render(shader, ball, **options, picture=False)
+    assert np.array_equal(alone.image, wanted.image) and np.array_equal(alone.alpha, wanted.alpha)
+    assert alone.image.max() > 1
+    with pytest.raises(MrmError, match="draw it with picture=True"):
+        _ = alone.picture
 
 
 def over_grey(rendered: mrm_nodes.render.RenderedImage) -> np.ndarray:
@@ -356,11 +408,18 @@ def test_colours_are_read_as_they_are_written(text, color):
         (["--size", "-8"], "size -8: write width and height"),
         (["--size", "16384"], "pixels would not fit into memory"),
         (["-o", "b.gif"], "b.gif: unknown image ending .gif; use .exr or .png"),
+        (["--mesh", "pot.ply"], "pot.ply: unknown mesh"),
+        (["--mesh", "pot.obj"], "pot.obj"),
+        (["--camera", "0,0,nan"], "camera"),
+        (["--light", "laser"], "unknown light laser"),
+        (["--element", "nothing"], "unknown element nothing"),
+        (["--backend", "glx"], "unknown backend glx"),
+        (["-o", "sub/../new/sub/a.png"], "a.png: would be written twice, as -o new/sub/a.png and as -o sub/.."),
     ],
 )  # fmt: skip
 def test_a_bad_request_is_one_line_and_writes_nothing(run, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
-    status, out, err = run("render", TAPE, "-o", "a.png", *arguments)
+    status, out, err = run("render", TAPE, "-o", "new/sub/a.png", *arguments)
     assert status == 2 and message in err and err.count("\n") == 1 and out == ""
     assert not list(tmp_path.iterdir())
 
@@ -390,8 +449,21 @@ def test_one_draw_gives_several_files_and_says_how_it_was_shown(run, tmp_path, t
     assert again.read_bytes() == outputs[0].read_bytes()
 
 
-def test_files_of_one_draw_go_into_place_together(run, tmp_path, tape):
+def test_a_folder_in_a_file_s_place_is_refused_before_anything_is_drawn(run, tmp_path, tape, monkeypatch):
+    monkeypatch.setattr("mrm_nodes.render.renderer.render", None)
     (tmp_path / "b.png").mkdir()
+    status, _, err = run("render", tape, "-o", tmp_path / "a.exr", "-o", tmp_path / "b.png")
+    assert status == 2 and f"{tmp_path / 'b.png'}: is a folder; name a file with -o" in err
+
+
+def test_files_of_one_draw_go_into_place_together(run, tmp_path, tape, monkeypatch):
+    draw = mrm_nodes.render
+
+    def meanwhile(*arguments: Any, **options: Any) -> mrm_nodes.render.RenderedImage:
+        (tmp_path / "b.png").mkdir()
+        return draw(*arguments, **options)
+
+    monkeypatch.setattr("mrm_nodes.render.renderer.render", meanwhile)
     (tmp_path / "a.exr").write_text("old")
     outputs = ["-o", tmp_path / "a.exr", "-o", tmp_path / "b.png", "-o", tmp_path / "c.png"]
     status, _, err = run("render", tape, *outputs, "--size", "8", "--samples", "1")

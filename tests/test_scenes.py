@@ -12,7 +12,7 @@ from mrm_nodes.cli import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import probe_backends, read_image, sphere
 from mrm_nodes.scenes import TITLES, draw, scene_gallery
-from mrm_nodes.scenes.compose import render
+from mrm_nodes.scenes.compose import sampled
 from mrm_nodes.scenes.figures import figure3, figure5
 
 needs_gl = pytest.mark.skipif(
@@ -35,7 +35,7 @@ def highlight(picture: np.ndarray) -> tuple[float, int]:
 @needs_gl
 @pytest.mark.parametrize("figure", [figure3, figure5])
 def test_mrm_is_bright_all_over_and_then_dark_where_ggx_only_moves(figure) -> None:
-    pictures = [render(scene, (SIZE, SIZE), 1) for row in figure(sphere()) for scene, _ in row]
+    pictures = [sampled(scene, (SIZE, SIZE), 1) for row in figure(sphere()) for scene, _ in row]
     count = len(pictures) // 2
     ggx, mrm = pictures[:count], pictures[count:]
     lit = on_the_ball(mrm[0])
@@ -91,10 +91,24 @@ def test_what_cannot_be_drawn_is_said(name: str, mesh: str | None, message: str)
         draw(name, mesh)
 
 
-def test_an_unknown_ending_leaves_no_folder(tmp_path: Path) -> None:
-    result = CliRunner().invoke(cli, ["scene", "figure3", "-o", str(tmp_path / "folder" / "a.gif")])
+@pytest.mark.parametrize(
+    ("name", "output", "options"),
+    [
+        ("figure3", "a.gif", []),
+        ("figure3", "a.png", ["--mesh", "no_such.glb"]),
+        ("cone", "a.png", ["--mesh", "sphere"]),
+    ],
+)
+def test_what_is_refused_leaves_no_folder(tmp_path: Path, name: str, output: str, options: list[str]) -> None:
+    result = CliRunner().invoke(cli, ["scene", name, "-o", str(tmp_path / "folder" / output), *options])
     assert isinstance(result.exception, MrmError)
     assert not (tmp_path / "folder").exists()
+
+
+def test_a_scene_does_not_take_a_folder_for_its_file(tmp_path: Path) -> None:
+    (tmp_path / "a.png").mkdir()
+    result = CliRunner().invoke(cli, ["scene", "figure3", "-o", str(tmp_path / "a.png")])
+    assert isinstance(result.exception, MrmError) and "a.png: is a folder" in str(result.exception)
 
 
 @needs_gl
@@ -114,6 +128,7 @@ def test_scene_options_are_checked_before_anything_is_drawn(tmp_path: Path) -> N
         (["--tonemap", "neutrl"], "did you mean neutral"),
         (["--exposure", "auto"], "have their own"),
         (["--exposure", "x"], "exposure x: write auto, or stops"),
+        (["--exposure", ""], "exposure : write auto, or stops"),
     ):
         given = ["scene", "figure3", "-o", str(tmp_path / "folder" / "a.png"), *options]
         result = CliRunner().invoke(cli, given)

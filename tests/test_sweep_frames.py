@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -22,7 +23,8 @@ from mrm_nodes.render import (
     probe_backends,
     read_image,
 )
-from mrm_nodes.render.environment import sky
+from mrm_nodes.render.environment import Environment, EnvironmentTextures, sky
+from mrm_nodes.render.picture import Picture
 from mrm_nodes.render.sweep import light_sweep, turntable
 from mrm_nodes.shadergen import generate_shader
 
@@ -139,12 +141,94 @@ def test_frames_of_a_light_sweep_have_one_exposure_and_are_written_together(run,
         (["-o", "b.webp"], "b.webp: unknown image ending .webp; use .exr or .png, or name frames with"),
         (["-o", "a.png"], "a.png: named twice"),
         (["--turntable", "two"], "Invalid value for '--turntable'"),
+        (["-o", "c.png", "-o", "c.01.png", "--turntable", "2"], "c.01.png: would be written twice, as a frame"),
+        (["-o", "sub/../a.png", "--turntable", "2"], "/a.png: would be written twice, as -o a.png and"),
+        (["-o", "a.webp", "--turntable", "2", "--size", "16384x1"], "a.webp: size 16384x1: a .webp has 16383 pixels"),
+        (["--turntable", "1000000000"], "turntable: 1000000000 frames"),
     ],
-)
+)  # fmt: skip
 def test_a_bad_request_is_one_line_and_writes_nothing(run, tape, tmp_path, monkeypatch, arguments, message):
     folder = tmp_path / "empty"
     folder.mkdir()
     monkeypatch.chdir(folder)
+    monkeypatch.setattr("mrm_nodes.render.renderer.render", None)
     status, out, err = run("render", tape, "-o", "a.png", *arguments)
     assert status == 2 and message in err and err.count("\n") == 1 and out == ""
     assert not list(folder.iterdir())
+
+
+def exposure_of(path: Path) -> float:
+    return float(oiio.ImageInput.open(str(path)).spec().getattribute("mrm:exposure"))
+
+
+@pytest.mark.skipif(not BACKENDS, reason="no backend works")
+def test_a_frame_in_which_nothing_is_lit_leaves_the_exposure_to_the_others(run, tape, tmp_path):
+    """A plane is seen edge-on twice as it turns."""
+    given = ["--mesh", "plane", "--size", "16", "--samples", "1"]
+    dim = ["--light", "camera:1e-3,1e-3,1e-3"]
+    assert run("render", tape, "-o", tmp_path / "one.png", *given, *dim)[0] == 0
+    status, _, err = run("render", tape, "-o", tmp_path / "a.png", *given, *dim, "--turntable", "4")
+    assert status == 0, err
+    assert exposure_of(tmp_path / "one.png") > 2
+    assert exposure_of(tmp_path / "a.02.png") == exposure_of(tmp_path / "a.png") > 2
+    dark = ["--light", "camera:0,0,0"]
+    status, _, err = run("render", tape, "-o", tmp_path / "a.png", *given, *dark, "--turntable", "2")
+    assert status == 0 and exposure_of(tmp_path / "a.png") == 0
+    assert err.startswith("2 frames: exposure +0.00 stops") and err.endswith("none of lit pixels clipped\n")
+
+
+@pytest.mark.skipif(not BACKENDS, reason="no backend works")
+def test_frames_are_kept_as_eight_bits_and_the_most_clipped_is_said(run, tape, tmp_path, monkeypatch):
+    alive = []
+
+    def count(*_, **__) -> np.ndarray:
+        gc.collect()
+        alive.append(sum(isinstance(each, Picture) for each in gc.get_objects()))
+        return np.zeros((4, 4, 3), np.uint8)
+
+    gc.collect()
+    before = sum(isinstance(each, Picture) for each in gc.get_objects())
+    monkeypatch.setattr("mrm_nodes.render.sheet.contact_sheet", count)
+    outputs = ["-o", tmp_path / "a.png"]
+    given = ["--size", "16", "--samples", "1", "--exposure", "12", "--light-sweep", "5"]
+    status, _, err = run("render", tape, *outputs, *given)
+    assert status == 0 and alive[0] - before <= 1
+    assert err.endswith("100 % of lit pixels clipped at most\n")
+
+
+@pytest.mark.skipif(not BACKENDS, reason="no backend works")
+def test_frames_that_are_all_exr_are_drawn_once_each(run, tape, tmp_path, monkeypatch):
+    drawn = []
+    draw = Renderer.render
+    monkeypatch.setattr(Renderer, "render", lambda *a, **k: drawn.append(1) or draw(*a, **k))
+    monkeypatch.delattr("mrm_nodes.render.picture.Developer.add")
+    status, out, err = run(
+        "render", tape, "-o", tmp_path / "a.exr", "--turntable", "2", "--size", "8", "--samples", "3"
+    )
+    assert status == 0, err
+    assert len(drawn) == 6 and err == "" and len(out.split()) == 2
+
+
+@pytest.mark.parametrize("backend", ["egl", "osmesa"])
+def test_a_turntable_s_map_is_on_the_gpu_once(backend, tape, monkeypatch):
+    if backend not in BACKENDS:
+        pytest.skip(f"no {backend} here")
+    uploads = []
+    upload = EnvironmentTextures.upload
+    monkeypatch.setattr(
+        EnvironmentTextures, "upload", lambda *given: uploads.append(1) or upload(*given), raising=True
+    )
+    radiance = np.random.default_rng(3).random((8, 16, 3)).astype(np.float32)
+    around = Environment(radiance, samples=4)
+    shader, mesh = generate_shader(tape), baluster()
+    frames = turntable(3, parse_camera("0,0,3"), [], mesh.center, around)
+    assert all(each.environment.radiance is around.radiance for each in frames)
+    with Renderer(backend) as renderer:
+        turned = [
+            renderer.render(shader, mesh, environment=each.environment, size=(8, 8)).image for each in frames
+        ]
+        assert len(uploads) == 1
+        copies = [replace(around, rotation=each.environment.rotation) for each in frames]
+        again = [renderer.render(shader, mesh, environment=each, size=(8, 8)).image for each in copies]
+    assert len(uploads) == 4 and np.array_equal(turned, again)
+    assert not np.array_equal(turned[0], turned[1])

@@ -5,12 +5,14 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, MrmWarning
 
 external_option = click.option(
     "--allow-external",
@@ -80,6 +82,24 @@ def keep_memory_limit(megabytes: int | None) -> None:
 
     if megabytes is not None:
         os.environ[MEMORY_VARIABLE] = str(megabytes)
+
+
+def say_what_is_of_pictures_only(outputs: Sequence[Path], look: Iterable[str]) -> None:
+    """Warn (MrmWarning) of options, by name without the dashes, that no output takes: an .exr has linear light."""
+    named = " and ".join(f"--{name}" for name in look)
+    if named and all(output.suffix.lower() == ".exr" for output in outputs):
+        message = f"{named}: an .exr has linear light and alpha, whatever they say; they are for a .png"
+        warnings.warn(message, MrmWarning, stacklevel=2)
+
+
+def refuse_folder(output: Path) -> None:
+    """Refuse to write where a folder is.
+
+    Raises:
+        MrmError: there is one.
+    """
+    if output.is_dir():
+        raise MrmError(f"{output}: is a folder; name a file with -o")
 
 
 def parse_size(text: str) -> tuple[int, int]:

@@ -3,19 +3,25 @@
 from __future__ import annotations
 
 import functools
-import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from mrm_nodes.commands.options import external_option, parse_size, within_limits
-from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.commands.options import (
+    external_option,
+    parse_size,
+    refuse_folder,
+    say_what_is_of_pictures_only,
+    within_limits,
+)
+from mrm_nodes.errors import MrmError
 
 if TYPE_CHECKING:
-    from mrm_nodes.render.environment import Environment
     from mrm_nodes.render.renderer import RenderedImage
+    from mrm_nodes.render.sweep import Frame
 
 
 @click.command()
@@ -115,13 +121,16 @@ def render(
     from mrm_nodes.files import prepare_folder, write_together
     from mrm_nodes.render.antialias import DEFAULT_SAMPLES, sample_offsets
     from mrm_nodes.render.environment import find_environment
+    from mrm_nodes.render.meshfile import load_mesh
     from mrm_nodes.render.picture import Development
-    from mrm_nodes.render.renderer import draws_of
+    from mrm_nodes.render.renderer import draws_of, shared_renderer
     from mrm_nodes.render.renderer import render as render_material
+    from mrm_nodes.render.scene import parse_camera, parse_light
+    from mrm_nodes.render.sweep import frames_of
     from mrm_nodes.shadergen import generate_shader
 
     moves = _motion(turntable, light_sweep, lights)
-    _check_names(outputs, moves is not None)
+    files = _planned(outputs, moves)
     chosen = {"exposure": exposure, "tonemap": tonemap, "background": background}
     look: dict[str, Any] = {name: value for name, value in chosen.items() if value is not None}
     development = Development(**look)
@@ -136,114 +145,175 @@ def render(
     around = None if environment is None else find_environment(environment, **options)
     development.behind(around)
     pixels = parse_size(size)
+    _check_size(outputs, pixels)
+    say_what_is_of_pictures_only(outputs, look)
+    shader = generate_shader(file, element=element, allow_external=allow_external)
+    shape = load_mesh(mesh)
+    lit = lights or (() if around else ("camera",))
+    parsed_lights = [parse_light(light) for light in lit]
+    parsed_camera = None if camera is None else parse_camera(camera)
+    frames = frames_of(*moves, shape, camera, lit, around, pixels[0] / pixels[1]) if moves else []
+    shared_renderer(backend).checked_size(pixels)
     for output in outputs:
         prepare_folder(output.parent)
-    _say_what_is_of_pictures_only(outputs, look)
-    shader = generate_shader(file, element=element, allow_external=allow_external)
-    lit = lights or (() if around else ("camera",))
-    draw = functools.partial(render_material, shader, size=pixels, backend=backend)
+    wanted = any(output.suffix.lower() != ".exr" for output in outputs)
+    draw = functools.partial(render_material, shader, shape, size=pixels, backend=backend, picture=wanted)
     if moves is None:
         with progress("render", draws_of(count)) as step:
             rendered = draw(
-                mesh, camera=camera, lights=lit, environment=around, samples=count, drawn=step, **look
+                camera=parsed_camera,
+                lights=parsed_lights,
+                environment=around,
+                samples=count,
+                drawn=step,
+                **look,
             )
         write_together({output: rendered.file_bytes(output) for output in outputs})
-        written, shown = list(outputs), rendered.picture.summary()
+        shown = rendered.picture.summary() if wanted else ""
     else:
-        written, shown = _write_frames(draw, mesh, camera, lit, around, moves, outputs, count, look, pixels)
-    if any(output.suffix.lower() != ".exr" for output in outputs):
+        shown = _write_frames(draw, frames, moves[0], files, count, look, wanted)
+    if wanted:
         click.echo(shown, err=True)
-    for path in written:
+    for path in _in_order(files):
         click.echo(path)
 
 
 def _motion(turntable: int | None, light_sweep: int | None, lights: Sequence[str]) -> Motion | None:
+    from mrm_nodes.render.sweep import check_count
+
     if turntable is not None and light_sweep is not None:
         raise MrmError("--turntable and --light-sweep: one of them at a time")
     if light_sweep is not None and lights:
         raise MrmError("--light-sweep moves a light of its own: leave out --light")
     if turntable is None and light_sweep is None:
         return None
-    return ("turntable", turntable) if turntable is not None else ("light sweep", light_sweep or 0)
+    moves = ("turntable", turntable) if turntable is not None else ("light sweep", light_sweep or 0)
+    check_count(moves[1], moves[0])
+    return moves
 
 
 Motion = tuple[str, int]
 """What moves, and in how many frames."""
 
 
-def _check_names(outputs: Sequence[Path], moves: bool) -> None:
+@dataclass(frozen=True)
+class _Files:
+    """What is written for one output."""
+
+    output: Path
+    frames: Sequence[Path]
+    """One for each frame, or none."""
+    is_whole: bool
+    """Whether the output itself is written: the picture, the sheet or the animation."""
+
+
+def _planned(outputs: Sequence[Path], moves: Motion | None) -> list[_Files]:
+    """What is to be written, before anything is drawn.
+
+    Raises:
+        MrmError: an ending that is none; a file that would be written twice, or that is a folder.
+    """
     from mrm_nodes.render.renderer import IMAGE_ENDINGS, unknown_ending
     from mrm_nodes.render.sheet import ANIMATED
 
     endings = (*IMAGE_ENDINGS, *(ANIMATED if moves else ()))
+    files = []
     for output in outputs:
-        if output.suffix.lower() not in endings:
-            alone = not moves and output.suffix.lower() in ANIMATED
-            hint = ", or name frames with --turntable or --light-sweep" if alone else ""
+        ending = output.suffix.lower()
+        if ending not in endings:
+            hint = (
+                ", or name frames with --turntable or --light-sweep"
+                if not moves and ending in ANIMATED
+                else ""
+            )
             raise MrmError(unknown_ending(output, endings) + hint)
-        if outputs.count(output) > 1:
-            raise MrmError(f"{output}: named twice with -o")
+        frames = []
+        if moves and ending not in ANIMATED:
+            digits = max(2, len(str(moves[1])))
+            frames = [output.with_stem(f"{output.stem}.{n:0{digits}}") for n in range(1, moves[1] + 1)]
+        files.append(_Files(output, frames, not frames or ending == ".png"))
+    taken: dict[Path, str] = {}
+    for each in files:
+        whole = [(each.output, f"-o {each.output}")] if each.is_whole else []
+        for path, named in [*whole, *((frame, f"a frame of {each.output}") for frame in each.frames)]:
+            refuse_folder(path)
+            # What a link leads to is not written: the file takes its place.
+            place = path.parent.resolve() / path.name
+            if place in taken and taken[place] == named:
+                raise MrmError(f"{path}: named twice with -o")
+            if place in taken:
+                raise MrmError(f"{path}: would be written twice, as {taken[place]} and as {named}")
+            taken[place] = named
+    return files
 
 
-def _say_what_is_of_pictures_only(outputs: Sequence[Path], look: dict[str, Any]) -> None:
-    if look and all(output.suffix.lower() == ".exr" for output in outputs):
-        named = " and ".join(f"--{name}" for name in look)
-        message = f"{named}: an .exr has linear light and alpha, whatever they say; they are for a .png"
-        warnings.warn(message, MrmWarning, stacklevel=2)
+def _in_order(files: Sequence[_Files]) -> list[Path]:
+    """Every file, the frames first, each of all outputs after the other."""
+    frames = zip(*(each.frames for each in files if each.frames), strict=True)
+    return [
+        *(path for number in frames for path in number),
+        *(each.output for each in files if each.is_whole),
+    ]
+
+
+def _check_size(outputs: Sequence[Path], size: tuple[int, int]) -> None:
+    from mrm_nodes.render.sheet import LARGEST
+
+    for output in outputs:
+        ending = output.suffix.lower()
+        largest = LARGEST.get(ending, max(size))
+        if max(size) > largest:
+            raise MrmError(
+                f"{output}: size {size[0]}x{size[1]}: a {ending} has {largest} pixels a side at most"
+            )
 
 
 def _write_frames(
     draw: Callable[..., RenderedImage],
-    mesh: str,
-    camera: str | None,
-    lights: Sequence[str],
-    environment: Environment | None,
-    moves: Motion,
-    outputs: Sequence[Path],
+    frames: Sequence[Frame],
+    kind: str,
+    files: Sequence[_Files],
     samples: int,
     look: dict[str, Any],
-    size: tuple[int, int],
-) -> tuple[list[Path], str]:
-    """Draw frames at one exposure and write them together; the files, and how they are shown."""
+    has_pictures: bool,
+) -> str:
+    """Draw frames at one exposure and write them together; returns how they are shown, if any is."""
     from mrm_nodes.commands.progress import progress
     from mrm_nodes.files import write_together
     from mrm_nodes.render.images import png_bytes
-    from mrm_nodes.render.meshfile import load_mesh
     from mrm_nodes.render.renderer import draws_of
-    from mrm_nodes.render.sheet import ANIMATED, animation, contact_sheet
-    from mrm_nodes.render.sweep import frames_of
+    from mrm_nodes.render.sheet import animation, contact_sheet
 
-    kind, count = moves
-    shape = load_mesh(mesh)
-    frames = frames_of(kind, count, shape, camera, lights, environment, size[0] / size[1])
-    is_auto = look.get("exposure", "auto") == "auto"
-    endings = {output.suffix.lower() for output in outputs}
-    files: dict[Path, bytes] = {}
-    shown = []
-    with progress(kind, count * (draws_of(samples) + is_auto)) as step:
+    is_auto = has_pictures and look.get("exposure", "auto") == "auto"
+    contents: dict[Path, bytes] = {}
+    codes = []
+    most, shown, said = -1.0, "", {}
+    with progress(kind, len(frames) * (draws_of(samples) + is_auto)) as step:
         options = [
             {"camera": each.camera, "lights": each.lights, "environment": each.environment, "drawn": step}
             for each in frames
         ]
         if is_auto:
             # Of the brightest frame: in no other more is clipped.
-            look = look | {"exposure": min(draw(shape, **each, **look).picture.exposure for each in options)}
-        for number, each in enumerate(options, start=1):
-            rendered = draw(shape, **each, samples=samples, **look)
-            for output in outputs:
-                if output.suffix.lower() not in ANIMATED:
-                    path = output.with_stem(f"{output.stem}.{number:0{max(2, len(str(count)))}}")
-                    files[path] = rendered.file_bytes(path)
-            if endings != {".exr"}:
-                shown.append(rendered.picture)
-    codes = [picture.codes() for picture in shown]
-    for output in outputs:
-        ending = output.suffix.lower()
-        if ending == ".png":
+            stops = [draw(**each, **look).auto_exposure() for each in options]
+            look = look | {"exposure": min((each for each in stops if each is not None), default=0.0)}
+        for number, each in enumerate(options):
+            rendered = draw(**each, samples=samples, **look)
+            for file in files:
+                if file.frames:
+                    contents[file.frames[number]] = rendered.file_bytes(file.frames[number])
+            if has_pictures:
+                picture = rendered.picture
+                said = picture.said()
+                codes.append(picture.codes())
+                if picture.clipped > most:
+                    most, shown = picture.clipped, picture.summary()
+    for file in files:
+        ending = file.output.suffix.lower()
+        if file.is_whole and ending == ".png":
             sheet = contact_sheet(codes, [each.label for each in frames])
-            files[output] = png_bytes(sheet, shown[0].said(), str(output))
-        elif ending in ANIMATED:
-            files[output] = animation(codes, ending, there_and_back=kind == "light sweep")
-    write_together(files)
-    most = max(shown, key=lambda picture: picture.clipped, default=None)
-    return list(files), "" if most is None else f"{count} frames: {most.summary()} at most"
+            contents[file.output] = png_bytes(sheet, said, str(file.output))
+        elif file.is_whole:
+            contents[file.output] = animation(codes, ending, there_and_back=kind == "light sweep")
+    write_together(contents)
+    return f"{len(frames)} frames: {shown}{' at most' if most > 0.0 else ''}"

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 import click
 
+from mrm_nodes.commands.options import refuse_folder, say_what_is_of_pictures_only
 from mrm_nodes.errors import MrmError, unknown
 
 
@@ -32,10 +35,8 @@ from mrm_nodes.errors import MrmError, unknown
 )
 @click.option(
     "--tonemap",
-    default="neutral",
-    show_default=True,
     metavar="none|neutral|VIEW",
-    help="As of `mrm-nodes render`.",
+    help="As of `mrm-nodes render`.  [default: neutral]",
 )
 @click.option(
     "--class",
@@ -57,7 +58,7 @@ def scene(
     scale: float,
     samples: int,
     exposure: str | None,
-    tonemap: str,
+    tonemap: str | None,
     classes: tuple[str, ...],
     headlamp: str | None,
 ) -> None:
@@ -72,25 +73,33 @@ def scene(
     from mrm_nodes.render import write_png
     from mrm_nodes.render.exposure import parse_exposure
     from mrm_nodes.render.tonemap import find_tonemap
-    from mrm_nodes.scenes import TITLES, draw
+    from mrm_nodes.scenes import draw
 
     endings = (".png", ".exr") if classes else (".png",)
     if output.suffix.lower() not in endings:
         raise MrmError(
             f"{output}: unknown image ending {output.suffix or '(none)'}; use {' or '.join(endings)}"
         )
+    refuse_folder(output)
+    given = {"exposure": exposure, "tonemap": tonemap}
+    tonemap = "neutral" if tonemap is None else tonemap
     find_tonemap(tonemap)
     if classes:
         stops = None if exposure is None else parse_exposure(exposure)
+        say_what_is_of_pictures_only([output], [each for each, text in given.items() if text is not None])
         _draw_road_of_classes(name, output, mesh, scale, samples, stops, tonemap, classes, headlamp)
     else:
         if headlamp is not None:
             raise MrmError("--headlamp lights a road of classes: name some with --class")
         if exposure == "auto":
             raise MrmError("exposure auto: a scene's pictures have their own; write the stops beyond those")
-        stops = parse_exposure(exposure or "0")
-        if name in TITLES:
+        stops = parse_exposure("0" if exposure is None else exposure)
+
+        def begin(steps: int) -> AbstractContextManager[Callable[[], None]]:
+            # What is asked for has been checked by now.
             prepare_folder(output.parent)
+            return progress(name, steps)
+
         picture = draw(
             name,
             mesh,
@@ -98,7 +107,7 @@ def scene(
             samples,
             exposure=stops or 0.0,
             tonemap=tonemap,
-            progress=lambda steps: progress(name, steps),
+            progress=begin,
         )
         write_png(output, picture)
     click.echo(output)
@@ -118,6 +127,7 @@ def _draw_road_of_classes(
     from mrm_nodes.commands.progress import progress
     from mrm_nodes.files import prepare_folder
     from mrm_nodes.render import write_exr, write_png
+    from mrm_nodes.render.exposure import stops_text
     from mrm_nodes.scenes import TITLES, night
     from mrm_nodes.scenes.compose import steps
     from mrm_nodes.scenes.headlamp import dipped, find_headlamp
@@ -140,6 +150,6 @@ def _draw_road_of_classes(
         write_png(output, night.with_legend(seen))
     click.echo(
         f"{', '.join(f'{kind} {each}' for kind, each in made_of.items())}; headlamps of {lamp.candela.max():g} cd: "
-        f"up to {seen.luminance.max():.3g} cd/m²; exposure {seen.exposure:+.2f} stops",
+        f"up to {seen.luminance.max():.3g} cd/m²; exposure {stops_text(seen.exposure, '+')} stops",
         err=True,
     )

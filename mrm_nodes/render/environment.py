@@ -7,7 +7,7 @@ import math
 import os
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,7 @@ class Environment:
     filtered: bool = True
 
     def __post_init__(self) -> None:
+        self._check_options()
         pixels = np.array(self.radiance, dtype=np.float32)
         if pixels.ndim != 3 or pixels.shape[2] != 3:
             raise MrmError(f"environment: radiance has shape {pixels.shape}, not (height, width, 3)")
@@ -63,6 +64,10 @@ class Environment:
         _check_texels(pixels, "environment")
         if (pixels < 0.0).any():
             raise MrmError(f"environment: {(pixels < 0.0).sum()} values are negative")
+        pixels.flags.writeable = False
+        object.__setattr__(self, "radiance", pixels)
+
+    def _check_options(self) -> None:
         for name in ("rotation", "intensity"):
             if not math.isfinite(getattr(self, name)):
                 raise MrmError(f"environment: {name} {getattr(self, name)} is not a finite number")
@@ -70,8 +75,6 @@ class Environment:
             raise MrmError(f"environment: intensity {self.intensity:g} is negative")
         if not 1 <= self.samples <= 1 << 20:
             raise MrmError(f"environment: {self.samples} samples; it takes 1 to {1 << 20}")
-        pixels.flags.writeable = False
-        object.__setattr__(self, "radiance", pixels)
 
     @functools.cached_property
     def matrix(self) -> Array:
@@ -96,16 +99,39 @@ class Environment:
         return levels
 
     def resampled(self, samples: int) -> Environment:
-        """Return the same light with another number of samples; levels and irradiance are not made again."""
-        other = replace(self, samples=samples)
-        other.__dict__.update(levels=self.levels, irradiance=self.irradiance)
-        return other
+        """Return the same light, the same map, with another number of samples.
+
+        Raises:
+            MrmError: fewer than 1, or more than 2^20.
+        """
+        return self._with(samples=samples)
 
     def turned(self, degrees: float) -> Environment:
-        """Return the same light turned further about +y, from +z towards +x; its maps are not made again."""
-        other = replace(self, rotation=math.fmod(self.rotation + degrees, 360.0))
-        other.__dict__.update(levels=self.levels, irradiance=self.irradiance)
+        """Return the same light, the same map, turned further about +y, from +z towards +x.
+
+        Raises:
+            MrmError: the degrees are not finite.
+        """
+        return self._with(rotation=math.fmod(self.rotation + degrees, 360.0))
+
+    def _with(self, **options: Any) -> Environment:
+        """The same map with other options: neither copied nor checked again, nor its levels and irradiance made."""
+        other = object.__new__(Environment)
+        # What is made of the map, but not the matrix.
+        made = {"levels": self.levels, "irradiance": self.irradiance}
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        other.__dict__.update(given | made | options)
+        other._check_options()
         return other
+
+    def uniforms(self) -> dict[str, Any]:
+        """Return MaterialX's uniforms, but for the two textures."""
+        return {
+            "u_envMatrix": self.matrix.T.ravel(),
+            "u_envLightIntensity": self.intensity,
+            "u_envRadianceSamples": self.samples,
+            "u_envRadianceMips": len(self.levels) if self.filtered else 1,
+        }
 
     @functools.cached_property
     def irradiance(self) -> Floats:
@@ -311,9 +337,9 @@ def find_environment(name: str | os.PathLike[str], **options: Any) -> Environmen
 
 @dataclass(frozen=True, eq=False)
 class EnvironmentTextures:
-    """An environment on the GPU."""
+    """An environment's map on the GPU, whatever its rotation, intensity and samples are."""
 
-    environment: Environment  # kept alive, so that no other environment gets its id
+    map: Floats  # kept alive, so that no other map gets its id
     radiance: moderngl.Texture
     irradiance: moderngl.Texture
 
@@ -329,19 +355,10 @@ class EnvironmentTextures:
         if width > limit:
             raise MrmError(f"environment: {width} texels wide, but this driver takes {limit} at most")
         return cls(
-            environment,
+            environment.radiance,
             _texture(context, environment.levels),
             _texture(context, [environment.irradiance]),
         )
-
-    def uniforms(self) -> dict[str, Any]:
-        """Return MaterialX's uniforms, but for the two textures."""
-        return {
-            "u_envMatrix": self.environment.matrix.T.ravel(),
-            "u_envLightIntensity": self.environment.intensity,
-            "u_envRadianceSamples": self.environment.samples,
-            "u_envRadianceMips": len(self.environment.levels) if self.environment.filtered else 1,
-        }
 
     def release(self) -> None:
         """Free the GPU's memory."""

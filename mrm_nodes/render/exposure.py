@@ -54,24 +54,38 @@ def lit_pixels(image: Floats, alpha: Floats) -> NDArray[np.bool_]:
     return np.asarray((alpha > 0.0) & (peak > DARKEST * peak.max(initial=0.0)))
 
 
-def auto_exposure(image: Floats, alpha: Floats, headroom: float, behind: Floats | None = None) -> float:
+def auto_exposure(
+    image: Floats, alpha: Floats, headroom: float, behind: Floats | None = None
+) -> float | None:
     """Return the stops at which nine of ten lit pixels are below white, and 99 of 100 are not clipped.
 
     A pixel is as bright as its largest channel. In hundredths of a stop, rounded down: what is printed gives the same
-    picture again. 0 where nothing is lit.
+    picture again. None where nothing is lit, neither the mesh nor half of what is behind.
 
     Args:
+        image: (h, w, 3), linear, multiplied with `alpha`, (h, w).
         headroom: exposed radiance up to which a tone mapping clips nothing.
         behind: (h, w, 3), what is seen where nothing is: half of that is to be less than a stop above white.
     """
+    limits = []
     lit = lit_pixels(image, alpha)
-    if not lit.any():
-        return 0.0
-    bright, brighter = np.quantile(image[lit].max(axis=-1) / alpha[lit], (BRIGHT, NEARLY_ALL))
+    if lit.any():
+        bright, brighter = np.quantile(image[lit].max(axis=-1) / alpha[lit], (BRIGHT, NEARLY_ALL))
+        limits += [TARGET / bright, headroom / brighter]
     if behind is not None and (alpha == 0.0).any():
-        bright = max(bright, float(np.median(behind[alpha == 0.0].max(axis=-1))) / BEHIND)
-    stops = min(math.log2(TARGET / bright), math.log2(headroom / brighter))
+        half = float(np.median(behind[alpha == 0.0].max(axis=-1)))
+        if half > 0.0:
+            limits.append(TARGET * BEHIND / half)
+    if not limits:
+        return None
+    stops = math.log2(min(limits))
     return float(np.clip(math.floor(100.0 * stops) / 100.0, -LIMIT, LIMIT))
+
+
+def stops_text(stops: float, sign: str = "") -> str:
+    """Stops as they are, with two decimals where that is exact; `+` as the sign writes it for positive ones, too."""
+    short = f"{stops:{sign}.2f}"
+    return short if float(short) == stops else f"{stops:{sign}}"
 
 
 def clipped_share(encoded: Floats, lit: NDArray[np.bool_]) -> float:

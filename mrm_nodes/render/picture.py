@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render.background import ENVIRONMENT, TRANSPARENT, environment_behind, parse_background
 from mrm_nodes.render.environment import Environment
-from mrm_nodes.render.exposure import auto_exposure, clipped_share, lit_pixels, parse_exposure
+from mrm_nodes.render.exposure import auto_exposure, clipped_share, lit_pixels, parse_exposure, stops_text
 from mrm_nodes.render.images import png_bytes
 from mrm_nodes.render.scene import Camera
 from mrm_nodes.render.tonemap import ToneMap, find_tonemap, srgb_encoded
@@ -54,15 +55,17 @@ class Picture:
 
     def said(self) -> dict[str, str]:
         """What a PNG says of itself, by keyword."""
-        return {"mrm:exposure": f"{self.exposure:.2f}", "mrm:tonemap": self.tonemap}
+        return {"mrm:exposure": stops_text(self.exposure), "mrm:tonemap": self.tonemap}
 
     def summary(self) -> str:
         """One line: exposure, tone mapping, and how much was clipped."""
-        return f"exposure {self.exposure:+.2f} stops, {self.tonemap}: {_percent(self.clipped)} of lit pixels clipped"
+        clipped = f"{_percent(self.clipped)} of lit pixels clipped"
+        return f"exposure {stops_text(self.exposure, '+')} stops, {self.tonemap}: {clipped}"
 
 
 def _percent(share: float) -> str:
-    return "none" if share == 0.0 else f"{max(100.0 * share, 0.01):.2g} %"
+    percent = max(100.0 * share, 0.01)
+    return "none" if share == 0.0 else f"{percent:.2g} %" if percent < 10.0 else f"{percent:.0f} %"
 
 
 @dataclass(frozen=True)
@@ -102,6 +105,34 @@ class Development:
         return found
 
 
+def automatic_stops(
+    development: Development, image: Floats, alpha: Floats, environment: Environment | None, camera: Camera
+) -> float | None:
+    """The stops that `auto` has, whatever exposure is asked for; None where nothing is lit.
+
+    image, alpha: (h, w, 3), multiplied with alpha, and (h, w).
+
+    Raises:
+        MrmError: see `Development.behind`.
+    """
+    behind = _seen_behind(development.behind(environment), environment, camera, alpha.shape)
+    return auto_exposure(image, alpha, find_tonemap(development.tonemap).headroom, behind)
+
+
+def _seen_behind(
+    background: str | Floats,
+    environment: Environment | None,
+    camera: Camera,
+    shape: tuple[int, ...],
+    offset: tuple[float, float] = (0.0, 0.0),
+) -> Floats | None:
+    """The environment behind each pixel, (h, w, 3), where that is to be seen."""
+    if environment is None or not isinstance(background, str) or background != ENVIRONMENT:
+        return None
+    height, width = shape
+    return environment_behind(environment, camera, (width, height), offset)
+
+
 class Developer:
     """Develops one picture, sample by sample: each is tone-mapped before the mean, or bright edges stay jagged.
 
@@ -124,10 +155,10 @@ class Developer:
     ) -> None:
         self._tonemap: ToneMap = find_tonemap(development.tonemap)
         self._behind = development.behind(environment)
-        self._environment, self._camera = environment, camera
+        self._around = functools.partial(_seen_behind, self._behind, environment, camera)
         stops = parse_exposure(development.exposure)
         if stops is None:
-            stops = auto_exposure(image, alpha, self._tonemap.headroom, self._around(alpha))
+            stops = automatic_stops(development, image, alpha, environment, camera) or 0.0
         self.exposure = stops
         self._gain = np.float32(2.0**self.exposure)
         lit = lit_pixels(image, alpha)
@@ -142,21 +173,13 @@ class Developer:
         """Add a sample of each pixel, `offset` from the middles: (h, w, 3), multiplied with alpha, and (h, w)."""
         self._count += 1
         self._alpha += alpha
-        behind = self._around(alpha, offset)
+        behind = self._around(alpha.shape, offset)
         if behind is not None:
             self._pixels += self._tonemap((image + (1.0 - alpha)[..., None] * behind) * self._gain)
             return
         covered = alpha > 0.0
         share = alpha[covered][:, None]
         self._pixels[covered] += share * self._tonemap(image[covered] / share * self._gain)
-
-    def _around(self, alpha: Floats, offset: tuple[float, float] = (0.0, 0.0)) -> Floats | None:
-        """The environment behind each pixel, where that is to be seen."""
-        is_seen = isinstance(self._behind, str) and self._behind == ENVIRONMENT
-        if self._environment is None or not is_seen:
-            return None
-        height, width = alpha.shape
-        return environment_behind(self._environment, self._camera, (width, height), offset)
 
     def picture(self) -> Picture:
         """The mean of the samples so far."""

@@ -39,7 +39,7 @@ from mrm_nodes.render.gbuffer import (
 from mrm_nodes.render.images import exr_bytes
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
-from mrm_nodes.render.picture import Developer, Development, Picture
+from mrm_nodes.render.picture import Developer, Development, Picture, automatic_stops
 from mrm_nodes.render.recent import Recent
 from mrm_nodes.render.scene import Camera, Framing, Light, parse_camera, parse_light, vector
 from mrm_nodes.render.textures import Sampling, TextureCache, border_color, find_image
@@ -89,7 +89,7 @@ class RenderedImage:
         backend, device: which OpenGL drew it.
         seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory.
         environment: what was around it.
-        development: how a picture for eyes is made of it.
+        development: how a picture for eyes is made of it; None where none was wanted.
         developed: that picture, where it was made as the samples were drawn.
     """
 
@@ -105,7 +105,7 @@ class RenderedImage:
     device: str
     seconds: Mapping[str, float]
     environment: Environment | None = None
-    development: Development = field(default_factory=Development)
+    development: Development | None = field(default_factory=Development)
     developed: Picture | None = None
 
     @functools.cached_property
@@ -113,7 +113,7 @@ class RenderedImage:
         """What a screen shows of it.
 
         Raises:
-            MrmError: see `Development.behind`.
+            MrmError: none was wanted; see `Development.behind`.
         """
         return self.developed or self.developer().picture()
 
@@ -121,11 +121,25 @@ class RenderedImage:
         """What develops the picture of this one sample, and takes others.
 
         Raises:
-            MrmError: see `Development.behind`.
+            MrmError: none was wanted; see `Development.behind`.
         """
-        developer = Developer(self.development, self.image, self.alpha, self.environment, self.camera)
+        developer = self._undeveloped()
         developer.add(self.image, self.alpha)
         return developer
+
+    def _undeveloped(self) -> Developer:
+        if self.development is None:
+            raise MrmError("this image was drawn without a picture: draw it with picture=True")
+        return Developer(self.development, self.image, self.alpha, self.environment, self.camera)
+
+    def auto_exposure(self) -> float | None:
+        """The stops that `auto` has for this one sample; None where nothing is lit: see `exposure.auto_exposure`.
+
+        Raises:
+            MrmError: see `Development.behind`.
+        """
+        development = self.development or Development()
+        return automatic_stops(development, self.image, self.alpha, self.environment, self.camera)
 
     def file_bytes(self, path: str | os.PathLike[str]) -> bytes:
         """The bytes of an image file, by the ending of its name: see `save`.
@@ -321,7 +335,7 @@ class Renderer:
             MrmError: the shader does not compile; an image is missing or damaged; an unknown uniform; NaN;
                 more lights than the shader has room for; a size that the driver cannot draw.
         """
-        width, height = self._checked_size(size)
+        width, height = self.checked_size(size)
         aspect = width / height
         if camera is None:
             camera = Framing()
@@ -578,7 +592,12 @@ class Renderer:
             streams[name] = stream
         return streams
 
-    def _checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+    def checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
+        """Return width and height.
+
+        Raises:
+            MrmError: they are none, more than the driver draws, or than fits into memory.
+        """
         limit = min(self._gl.ctx.info["GL_MAX_TEXTURE_SIZE"], self._gl.ctx.info["GL_MAX_RENDERBUFFER_SIZE"])
         try:
             width, height = (int(length) for length in size)
@@ -661,9 +680,9 @@ class Renderer:
         textures = dict.fromkeys(program.samplers, self._kept.black)
         if environment is not None:
             around = self._kept.environments.get(
-                id(environment), lambda: EnvironmentTextures.upload(self._gl, environment)
+                id(environment.radiance), lambda: EnvironmentTextures.upload(self._gl, environment)
             )
-            own |= around.uniforms()
+            own |= environment.uniforms()
             maps = dict(zip(_ENVIRONMENT_MAPS, (around.radiance, around.irradiance), strict=True))
             textures |= {name: texture for name, texture in maps.items() if name in textures}
         for name, uniform in program.uniforms.items():
@@ -939,6 +958,7 @@ def render(
     exposure: float | str = "auto",
     tonemap: str = "neutral",
     background: str | None = None,
+    picture: bool = True,
     drawn: Callable[[], object] = lambda: None,
 ) -> RenderedImage:
     """Render a material on a mesh; without a light and an environment the image is black.
@@ -959,6 +979,7 @@ def render(
         samples: of each pixel. `image` and `alpha` are their mean; a picture is the mean of tone-mapped samples.
         exposure, tonemap, background: how a picture is made of it, to be saved as .png or shown by a notebook: see
             `Development`. They change nothing of `image`, nor of an .exr.
+        picture: whether one is wanted; several samples for an .exr alone cost less without.
         drawn: called after each draw, of which there are `draws_of(samples)`.
 
     Raises:
@@ -984,7 +1005,7 @@ def render(
         drawn()
         return image
 
-    middle = replace(draw((0.0, 0.0)), development=development)
+    middle = replace(draw((0.0, 0.0)), development=development if picture else None)
     return middle if samples == 1 else _supersampled(middle, draw, offsets.tolist())
 
 
@@ -998,20 +1019,22 @@ def _supersampled(
     draw: Callable[[tuple[float, float]], RenderedImage],
     offsets: Sequence[tuple[float, float]],
 ) -> RenderedImage:
-    """Return the mean of several samples of each pixel, and its picture.
+    """Return the mean of several samples of each pixel, and its picture where one is wanted.
 
     middle: the sample in the middle, from which exposure and geometry are.
     """
     image, alpha = np.zeros_like(middle.image), np.zeros_like(middle.alpha)
-    developer = Developer(middle.development, middle.image, middle.alpha, middle.environment, middle.camera)
+    developer = None if middle.development is None else middle._undeveloped()
     for x, y in offsets:
         sample = middle if x == y == 0.0 else draw((x, y))
         image += sample.image
         alpha += sample.alpha
-        developer.add(sample.image, sample.alpha, (x, y))
+        if developer is not None:
+            developer.add(sample.image, sample.alpha, (x, y))
     image /= np.float32(len(offsets))
     alpha /= np.float32(len(offsets))
-    return replace(middle, image=image, alpha=alpha, developed=developer.picture())
+    developed = None if developer is None else developer.picture()
+    return replace(middle, image=image, alpha=alpha, developed=developed)
 
 
 _RENDERERS: dict[str, Renderer] = {}

@@ -17,13 +17,24 @@ Bytes = NDArray[np.uint8]
 ANIMATED = {".webp": "WEBP", ".apng": "PNG"}
 """Formats of what moves, by the ending of the file's name."""
 
+LARGEST = {".webp": 16383}
+"""Pixels of a side that a format can have, where that is few."""
+
 MILLISECONDS = 80
 _GAP, _GROUND, _TEXT = 6, 0.012, 0.55
 """Pixels between frames; linear grey of the sheet, and of what is written on it."""
 
 
 def contact_sheet(frames: Sequence[Bytes], labels: Sequence[str]) -> Bytes:
-    """Frames in rows, about as many across as down, with a line below each: (h, w, 3)."""
+    """Return frames in rows, about as many across as down, with a line below each: (H, W, 3), sRGB in 8 bits.
+
+    Args:
+        frames: one or more, all of one size: (h, w, 3) or, with straight alpha, (h, w, 4).
+        labels: as many texts.
+
+    Raises:
+        ValueError: not as many.
+    """
     height, width = frames[0].shape[:2]
     letters = max(10, min(24, width // 12))
     line = 2 * letters
@@ -55,11 +66,16 @@ def labelled(
 
 
 def animation(frames: Sequence[Bytes], ending: str, there_and_back: bool) -> bytes:
-    """The bytes of an animation that is played for ever.
+    """Return the bytes of an animation that is played for ever.
 
     Args:
+        frames: one or more, all of one size: (h, w, 3) or, with straight alpha, (h, w, 4).
         ending: of `ANIMATED`.
         there_and_back: whether the frames are no circle.
+
+    Raises:
+        KeyError: another ending.
+        RuntimeError, OSError: the encoder does not take them, as a size beyond `LARGEST`.
     """
     from PIL import Image
 

@@ -56,6 +56,7 @@ def frames_of(
     Raises:
         MrmError: a text that is none; fewer than 2 frames or more than `MOST_FRAMES`.
     """
+    check_count(count, kind)
     placed = Framing() if camera is None else parse_camera(camera)
     if isinstance(placed, Framing):
         if kind == "turntable":
@@ -75,7 +76,7 @@ def light_sweep(count: int, camera: Camera, center: Vec3, environment: Environme
     Raises:
         MrmError: fewer than 2 frames or more than `MOST_FRAMES`.
     """
-    _check(count, "light sweep")
+    check_count(count, "light sweep")
     frames = []
     for angle in FARTHEST * np.linspace(0.0, 1.0, count) ** 2:
         light = PointLight(
@@ -95,7 +96,7 @@ def turntable(
     Raises:
         MrmError: fewer than 2 frames or more than `MOST_FRAMES`.
     """
-    _check(count, "turntable")
+    check_count(count, "turntable")
     frames = []
     for angle in 360.0 * np.arange(count) / count:
 
@@ -156,6 +157,11 @@ def _about(axis: NDArray[np.float64], point: Vec3, center: Vec3, degrees: float)
     return vector(np.add(center, turned), "sweep")
 
 
-def _check(count: int, what: str) -> None:
+def check_count(count: int, what: str) -> None:
+    """Check how many frames there are to be.
+
+    Raises:
+        MrmError: fewer than 2 or more than `MOST_FRAMES`.
+    """
     if not 2 <= count <= MOST_FRAMES:
         raise MrmError(f"{what}: {count} frames; it takes 2 to {MOST_FRAMES}")

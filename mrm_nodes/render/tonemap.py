@@ -71,14 +71,14 @@ def neutral(color: Floats) -> Floats:
 
 
 def srgb_encoded(linear: Floats) -> Floats:
-    """Display values of linear ones from 0 to 1 (IEC 61966-2-1)."""
+    """Display values of linear ones, each from 0 to 1 and of any shape (IEC 61966-2-1)."""
     return np.asarray(
         np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1.0 / 2.4) - 0.055), np.float32
     )
 
 
 def srgb_decoded(encoded: Floats) -> Floats:
-    """The inverse of `srgb_encoded`."""
+    """Linear values of display values, each from 0 to 1 and of any shape: the inverse of `srgb_encoded`."""
     return np.asarray(
         np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4), np.float32
     )
@@ -102,8 +102,8 @@ def find_tonemap(name: str) -> ToneMap:
     Raises:
         MrmError: an unknown name.
     """
-    if name in _OWN:
-        return _OWN[name]
+    if name.casefold() in _OWN:
+        return _OWN[name.casefold()]
     display, views = _configuration()
     found = next((view for view in views if view.casefold() == name.casefold()), None)
     if found is None:

@@ -69,13 +69,14 @@ Rows = list[list[tuple[Scene, tuple[int, int]]]]
 """Pictures beside and above each other: what each shows, and its width and height."""
 
 
-def render(scene: Scene, size: tuple[int, int], samples: int = 2, shadows: float = 1.0) -> Array:
-    """Return the linear picture (h, w, 3); every pixel is the mean of samples × samples, as `sampled` has them."""
-    return reduced(sampled(scene, size, samples, shadows), samples)
-
-
 def reduced(picture: Array, samples: int) -> Array:
-    """Return the means of samples × samples pixels."""
+    """Return the means of samples × samples pixels, (h, w, 3).
+
+    picture: (samples h, samples w, 3), as `sampled` has it.
+
+    Raises:
+        ValueError: its sides are no multiples of `samples`.
+    """
     height, width = picture.shape[0] // samples, picture.shape[1] // samples
     mean: Array = picture.reshape(height, samples, width, samples, 3).mean(axis=(1, 3))
     return mean

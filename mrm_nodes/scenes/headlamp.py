@@ -16,6 +16,9 @@ from mrm_nodes.files import read_bytes
 
 Array = NDArray[np.float64]
 
+BRIGHTEST = 1e7
+"""cd: more is a mistake."""
+
 COLUMNS = ("horizontal", "vertical", "candela")
 """Of a table: degrees to the right of straight ahead, degrees above it, and the intensity there."""
 
@@ -89,8 +92,8 @@ def find_headlamp(text: str) -> Headlamp:
         peak = float(text)
     except ValueError:
         return _read(Path(text))
-    if not (math.isfinite(peak) and 0.0 < peak <= 1e7):
-        raise MrmError(f"headlamp {text}: the largest intensity is above 0 and at most 1e7 cd")
+    if not (math.isfinite(peak) and 0.0 < peak <= BRIGHTEST):
+        raise MrmError(f"headlamp {text}: the largest intensity is above 0 and at most {BRIGHTEST:g} cd")
     return dipped().scaled(peak)
 
 
@@ -104,6 +107,21 @@ def _read(path: Path) -> Headlamp:
     except UnicodeDecodeError:
         raise MrmError(f"headlamp {path}: is no text in UTF-8") from None
     rows = csv.DictReader(io.StringIO(text))
+    try:
+        found = _directions(rows, path)
+    except csv.Error as error:
+        raise MrmError(f"headlamp {path}: line {rows.line_num + 1}: {error}") from None
+    horizontal, vertical = (np.array(sorted({each[axis] for each in found})) for axis in (0, 1))
+    if len(horizontal) < 2 or len(vertical) < 2 or len(found) != len(horizontal) * len(vertical):
+        raise MrmError(f"headlamp {path}: the directions make no grid of two by two or more")
+    candela_grid = np.array([[found[x, y] for x in horizontal] for y in vertical])
+    if not candela_grid.max() > 0.0:
+        raise MrmError(f"headlamp {path}: gives no light")
+    return Headlamp(horizontal, vertical, candela_grid)
+
+
+def _directions(rows: csv.DictReader[str], path: Path) -> dict[tuple[float, float], float]:
+    """The intensity by horizontal and vertical angle."""
     names = [name.strip().casefold() for name in rows.fieldnames or ()]
     if any(column not in names for column in COLUMNS):
         raise MrmError(f"headlamp {path}: the first line names the columns {', '.join(COLUMNS)}")
@@ -114,17 +132,12 @@ def _read(path: Path) -> Headlamp:
             across, upwards, candela = (float(row[column]) for column in COLUMNS)
         except (TypeError, ValueError):
             raise MrmError(f"headlamp {path}: line {rows.line_num}: three numbers are wanted") from None
-        if not (abs(across) <= 180.0 and abs(upwards) <= 90.0 and 0.0 <= candela < math.inf):
+        if not (abs(across) <= 180.0 and abs(upwards) <= 90.0 and 0.0 <= candela <= BRIGHTEST):
             raise MrmError(
-                f"headlamp {path}: line {rows.line_num}: angles are in degrees, intensities not negative"
+                f"headlamp {path}: line {rows.line_num}: angles are in degrees, intensities from 0 to "
+                f"{BRIGHTEST:g} cd"
             )
         if (across, upwards) in found:
             raise MrmError(f"headlamp {path}: line {rows.line_num}: this direction is there already")
         found[across, upwards] = candela
-    horizontal, vertical = (np.array(sorted({each[axis] for each in found})) for axis in (0, 1))
-    if len(horizontal) < 2 or len(vertical) < 2 or len(found) != len(horizontal) * len(vertical):
-        raise MrmError(f"headlamp {path}: the directions make no grid of two by two or more")
-    candela_grid = np.array([[found[x, y] for x in horizontal] for y in vertical])
-    if not candela_grid.max() > 0.0:
-        raise MrmError(f"headlamp {path}: gives no light")
-    return Headlamp(horizontal, vertical, candela_grid)
+    return found

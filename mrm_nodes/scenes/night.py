@@ -37,6 +37,8 @@ SKY = 0.01
 """cd/m², of a clear sky far from towns at the end of dusk, in round numbers."""
 
 SIZE = (846, 330)
+LEGEND = 240
+"""Pixels across that the legend takes at least."""
 SCALE = (0.01, 100.0)
 """cd/m², the ends of the false colours' scale."""
 # Matplotlib's viridis, by Smith and van der Walt (CC0).
@@ -102,7 +104,11 @@ def draw_night(
         samples: a pixel is the mean of samples × samples.
         shadows: share of the finest shadows, above 0.
         exposure: stops; None: automatic.
+        tonemap: see `find_tonemap`.
         drawn: called after each of `compose.steps`.
+
+    Raises:
+        MrmError: an unknown class or tone mapping; no OpenGL.
     """
     return seen_of(night_road(classes, headlamp), scale, samples, shadows, exposure, tonemap, drawn)
 
@@ -116,13 +122,23 @@ def seen_of(
     tonemap: str = "neutral",
     drawn: Callable[[], object] = lambda: None,
 ) -> NightPicture:
-    """Draw a scene whose lamps' strengths are illuminances."""
+    """Draw a scene whose lamps' strengths are illuminances in lx, so that its luminances are in cd/m².
+
+    What is as bright as SKY counts as sky, and not for the exposure.
+
+    Args:
+        scale: of SIZE.
+        samples, shadows, exposure, tonemap, drawn: as of `draw_night`.
+
+    Raises:
+        MrmError: an unknown tone mapping; no OpenGL.
+    """
     size = round(SIZE[0] * scale), round(SIZE[1] * scale)
     radiance = sampled(scene, size, samples, shadows, drawn)
     mapped = find_tonemap(tonemap)
     if exposure is None:
         ours = np.asarray((np.abs(radiance - SKY) > 1e-9).any(axis=-1), np.float32)
-        exposure = auto_exposure(radiance.astype(np.float32), ours, mapped.headroom)
+        exposure = auto_exposure(radiance.astype(np.float32), ours, mapped.headroom) or 0.0
     picture = reduced(mapped(radiance * 2.0**exposure), samples).astype(np.float32)
     return NightPicture(luminance(reduced(radiance, samples)), picture, exposure)
 
@@ -137,7 +153,12 @@ def night_road(classes: Mapping[str, str], headlamp: Headlamp) -> Scene:
 
 
 def headlights(headlamp: Headlamp, places: Sequence[Vec3] = LAMPS, size: float = 0.05) -> list[Lamp]:
-    """Two of a headlamp: each is a light of 1 lx everywhere, multiplied with its illuminance."""
+    """Return one of a headlamp at each place: a light of 1 lx everywhere, multiplied with its illuminance in lx.
+
+    Args:
+        places: in metres; each lamp looks along -z.
+        size: the lamps' radius in metres.
+    """
     return [
         Lamp(
             PointLight(place, decay_rate=0.0),
@@ -158,7 +179,13 @@ def class_shader(name: str, colour: str) -> Shader:
 
 
 def road_things(classes: Mapping[str, str]) -> list[Thing]:
-    """A lane closure: lines, cones, posts, two signs, and somebody in a vest."""
+    """Return a lane closure, in metres: lines, cones, posts, three signs, and somebody in a vest.
+
+    classes: as `parse_classes` has them.
+
+    Raises:
+        MrmError: an unknown class, or one without white (of signs, without red).
+    """
     color, rough = textures.asphalt()
     asphalt = open_pbr(base_color=color * 0.75, specular_roughness=rough)
     things = [
@@ -272,14 +299,21 @@ def false_colours(values: Array) -> NDArray[np.float32]:
 
 
 def with_legend(night: NightPicture) -> NDArray[np.float32]:
-    """The tone-mapped picture, the false colours below it, and their scale: (h, w, 3), linear light of a screen."""
-    height, width = night.luminance.shape
+    """Return the tone-mapped picture, the false colours below it, and their scale, in linear light of a screen.
+
+    Returns:
+        (H, W, 3), 0 to 1: W is the picture's width w, or LEGEND where that is more, and the picture in the middle then;
+        H is twice its height and what the scale takes.
+    """
+    height, seen = night.luminance.shape
+    width = max(seen, LEGEND)
+    left = (width - seen) // 2
     gap = max(4, width // 140)
     letters = max(10, width // 55)
     bar, ground = 2 * gap, 0.012
     sheet = np.full((2 * height + 2 * gap + bar + 2 * letters, width, 3), ground, np.float32)
-    sheet[:height] = night.picture
-    sheet[height + gap : 2 * height + gap] = false_colours(night.luminance)
+    sheet[:height, left : left + seen] = night.picture
+    sheet[height + gap : 2 * height + gap, left : left + seen] = false_colours(night.luminance)
     top = 2 * height + 2 * gap
     margin = 3 * letters
     ramp = np.geomspace(*SCALE, width - 2 * margin)

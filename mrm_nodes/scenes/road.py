@@ -85,6 +85,7 @@ def line_meshes() -> list[Mesh]:
 
 
 def grass() -> Shader:
+    """Grass, light and dark: a rough OpenPBR surface with a texture of 1024 × 1024 texels."""
     blades = textures.noise((1024, 1024), (3.0, 1.2), 51) + textures.noise((1024, 1024), 40.0, 52)
     return open_pbr(
         base_color=np.clip(0.55 + 0.22 * blades, 0.1, 1.3)[..., None] * np.array([0.105, 0.130, 0.036]),

@@ -446,6 +446,30 @@ def test_csv(kind: str, tmp_path: Path):
     assert sorted(np.round(found.theta_l, 6)) == sorted(round(t, 6) for t, _, _ in GRID)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        '"theta_v_deg","theta_l_deg","dphi_deg","f"\n"10.5","20","0","1.5"\n"10","30","0","2"\n',
+        "theta_v_deg,theta_l_deg,dphi_deg,f,\n10.5,20,0,1.5,\n10,30,0,2,\n",
+        "theta_v_deg,theta_l_deg,dphi_deg,f\n10.5,20,0,1.5,,\n10,30,0,2\n",
+        "theta_v_deg;theta_l_deg;dphi_deg;f\r\n10,5;20;0;1,5\r\n10;30;0;2\r\n",
+        "\ufefftheta_v_deg;theta_l_deg;dphi_deg;f\n10,5;20;0;1,5E+00\n10;30;0;2;\n",
+        "sep=;\ntheta_v_deg;theta_l_deg;dphi_deg;f\n10.5;20;0;1.5\n10;30;0;2\n",
+        '"theta_v (deg)";"theta_l (deg)";"dphi (deg)";"f"\n"10,5";"20";"0";"1,5"\n10;30;0;2\n',
+        "theta_v_deg\ttheta_l_deg\tdphi_deg\tf\n10,5\t20\t0\t1,5\n10\t30\t0\t2\n",
+        "theta_v_deg, theta_l_deg, dphi_deg, f\n10.5, 20, 0, 1.5\n# a note\n\n10, 30, 0, 2\n",
+        "theta_v_deg theta_l_deg dphi_deg f\n10,5 20 0 1,5\n10 30 0 2\n",
+    ],
+)
+def test_csv_as_spreadsheets_write_it(text: str, tmp_path: Path):
+    path = tmp_path / "a.csv"
+    path.write_text(text, encoding="utf-8", newline="")
+    found = read(path)
+    assert found.value[:, 0].tolist() == [1.5, 2.0]
+    assert np.degrees(found.theta_v) == pytest.approx([10.5, 10.0])
+    assert np.degrees(found.theta_l) == pytest.approx([20.0, 30.0])
+
+
 def test_csv_of_coefficients(tmp_path: Path):
     """R_A at 0.2° and -4°, which is f cos cos: photometry's own worked example."""
     path = tmp_path / "a.csv"
@@ -493,6 +517,13 @@ BAD = {
         '{"brdf": {"lookupTable": [[5e-7, 0.1, 0.1, 0, -1]]}}',
         "row 1: the value is negative",
     ),
+    "xompt huge": (
+        '{"brdf": {"lookupTable": [[5e-7, 0.1, 0.1, 0, 1], [5e-7, 0.1, 0.1, 0, 1' + "0" * 400 + "]]}}",
+        "row 2 of lookupTable is not five numbers",
+    ),
+    "xompt beyond all": ('{"brdf": 1' + "0" * 5000 + "}", "no JSON"),
+    "xompt deep": ('{"a":' + "[" * 500 + "]" * 500 + "}", "no JSON: more than 100"),
+    "xompt true": ('{"brdf": {"lookupTable": [[5e-7, 0.1, 0.1, 0, true]]}}', "row 1 of lookupTable"),
     "no header": ("0.1,0.2,0.3,1\n", "its first line names no columns"),
     "no values": ("theta_v,theta_l,dphi\n0,0,0\n", "no column of values"),
     "no light": ("theta_v,dphi,f\n0,0,0\n", "no column theta_l"),
@@ -501,6 +532,24 @@ BAD = {
     "csv truncated": ("theta_v,theta_l,dphi,f\n0.1,0.2,0,1\n0.1,0", "line 3 has 2 numbers, not 4"),
     "csv twice": ("theta_v,theta_v,theta_l,f\n0.1,0.2,0,1\n", "named twice"),
     "csv negative": ("theta_v,theta_l,dphi,f\n0.1,0.2,0,-1\n", "negative"),
+    "csv NaN": (
+        "vx,vy,vz,lx,ly,lz,f\n0,0,1,0,0,1,1\n0,0,1,0,nan,1,1\n",
+        "sample 2: a direction is not of unit length",
+    ),
+    "csv NaN of a goniometer": (
+        "observation,beta1,R_A\n0.2,5,1\n0.2,nan,1\n",
+        "beta1 of sample 2 is no finite number",
+    ),
+    "csv two commas": ("theta_v;theta_l;dphi;f\n0,1;0,2;0;1,2,3\n", "line 2: .* is no row of numbers"),
+    "csv thousands": ('theta_v,theta_l,dphi,f\n0.1,0.2,0,"1,234"\n', "line 2: .* is no row of numbers"),
+    "csv open quote": (
+        'theta_v,theta_l,dphi,f\n0.1,0.2,0,"1\n0.1,0.2,0,x"\n',
+        "line 3: .* is no row of numbers",
+    ),
+    "csv names of a data sheet": (
+        "Observation Angle,Entrance Angle,R_A\n0.2,5,1\n",
+        "observation_angle, entrance_angle: name the observation angle's column observation, .* beta1",
+    ),
     "goniometer": ("observation,beta1,R_A\n0.2,100,1\n", "beyond 90°"),
     "astm short": ("NUM_POINTS 1\nVARS=a,b,c\n", "VARS names 3 columns"),
     "binary": ("\x00\x01\x02\x00", "none of the formats"),

@@ -249,3 +249,15 @@ def test_colours_by_night():
     expected = xyz[:, :2] / xyz.sum(axis=-1, keepdims=True)
     np.testing.assert_allclose(photometry.night_chromaticity(colours), expected, atol=2e-4)
     assert np.isnan(photometry.night_chromaticity([0.0, 0.0, 0.0])).all()
+
+
+@pytest.mark.parametrize("channels", [("a", "b"), ("R", "G", "B", "IR"), tuple("abcdefgh")])
+def test_a_table_of_other_channels_has_no_coefficients(channels: tuple[str, ...]):
+    from mrm_nodes.measured import Measurement
+
+    up = np.array([[0.0, 0.0, 1.0]])
+    table = Measurement(up, up, np.ones((1, len(channels))), channels)
+    for ask in (photometry.retroreflection, photometry.luminance_coefficient):
+        with pytest.raises(MrmError, match=f"^{len(channels)} channels .* take one or three of them"):
+            ask(table, 0.2, 5.0)
+    assert photometry.luminance(photometry.retroreflection(table.pick(channels[:1]), 0.2, 5.0)) > 0.9

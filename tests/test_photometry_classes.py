@@ -330,3 +330,16 @@ def test_of_a_pattern_the_mean_counts():
     assert (row.least, row.most) == (0.0, pytest.approx(1000.0 / np.pi))
     assert row.value == pytest.approx(500.0 / np.pi)
     assert photometry.check(Striped(), "RA1", "blue")[0].most > 0.0
+
+
+@pytest.mark.parametrize("name", ["RA2", "EN 1436 Q2", "MUTCD 35 mph"])
+def test_a_colour_is_resolved_alike_by_all(name: str):
+    found = photometry.find_class(name)
+    for given, resolved in (("Gray", "grey"), ("silver", "white"), (" AMBER ", "orange"), ("white", "white")):
+        assert found.resolve(given) == resolved
+        assert photometry.material_for(name, given).colour == resolved
+    for ask in (found.resolve, found.of, lambda colour: photometry.material_for(name, colour)):
+        with pytest.raises(MrmError, match=f"{name}: unknown colour yelow; did you mean yellow"):
+            ask("yelow")
+    with pytest.raises(MrmError, match="did you mean yellow"):
+        photometry.check(ref.Lambert(0.5), name, "yelow")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 from collections.abc import Callable
@@ -12,7 +13,8 @@ import pytest
 
 from mrm_nodes import photometry
 from mrm_nodes.documents import read_document
-from mrm_nodes.photometry import material_for, read_sheet
+from mrm_nodes.errors import MrmError
+from mrm_nodes.photometry import SheetPoints, material_for, read_sheet
 from mrm_nodes.photometry.openmaterial import read_asset
 from mrm_nodes.photometry.retroreflector import Retroreflector
 
@@ -303,3 +305,109 @@ def test_a_coefficient_of_nothing_and_one_of_too_much_are_refused(run: Run, fold
         status, _, err = run("material", "--from", asset(folder, value), *options, "-o", "sign.mtlx")
         assert status == 2 and said in err
     assert not (folder / "sign.mtlx").exists()
+
+
+def test_an_asset_keeps_all_that_is_not_its_coefficient(run: Run, folder: Path):
+    file = asset(folder, 250, note="kept")
+    tree = json.loads(file.read_text())
+    tree["geometryProperties"] = {"normal": [0, 0, 1]}
+    tree["materialProperties"]["surfaceRoughness"] = {"roughness": 0.3}
+    file.write_text(json.dumps(tree))
+    options = ("--geometry", "0.3333,5", "--colour", "White")
+    for source in (options, ()):  # the second time it says itself what it is of
+        status, _, err = run("material", "--from", file, *source, "-o", file)
+        assert status == 0, err
+        found = json.loads(file.read_text())
+        data = found["materialProperties"]["retroreflectivityData"]
+        assert data["coefficientOfRetroreflection"] > 250 and data["note"] == "kept"
+        assert data["sources"].endswith("colour white; illuminant A; before: a data sheet")
+        for each in (found, tree):
+            del each["materialProperties"]["retroreflectivityData"]
+        assert found == tree
+        tree["materialProperties"]["retroreflectivityData"] = None
+
+
+@pytest.mark.parametrize("colour", ["White", "silver", "WHITE"])
+def test_an_asset_of_ours_is_read_again_however_its_colour_was_spelt(run: Run, folder: Path, colour: str):
+    options = ("--geometry", "0.3333,5", "--colour", colour)
+    assert run("material", "--from", asset(folder), *options, "-o", "ours.xomp")[0] == 0
+    assert read_asset(Path("ours.xomp")).colour == "white"
+    status, out, err = run("material", "--from", "ours.xomp", "-o", "sign.mtlx")
+    assert status == 0 and "white, shaped as RA2" in out, err
+
+
+@pytest.mark.parametrize(
+    "sources", ["observation 0.2. deg, entrance -4 deg", "observation . deg, entrance 4 deg"]
+)
+def test_angles_that_are_none_are_asked_for(run: Run, folder: Path, sources: str):
+    status, _, err = run("material", "--from", asset(folder, sources=sources), "-o", "sign.mtlx")
+    assert status == 2 and "as in --geometry 0.2,-4" in err and err.count("\n") == 1
+
+
+def test_json_has_the_colour_s_own_name(run: Run, folder: Path):
+    (folder / "sheet.mtlx").write_text(Retroreflector(0.3, 0.1).markup("sheet"))
+    for name, given, said in (
+        ("RA1", "Gray", "grey"),
+        ("MUTCD 35 mph", "AMBER", "orange"),
+        ("MUTCD 35 mph", None, "any"),
+    ):
+        options = () if given is None else ("--colour", given)
+        _, out, err = run("photometry", "sheet.mtlx", "--class", name, *options, "--json")
+        assert json.loads(out)["class"]["colour"] == said, err
+
+
+def test_what_depends_on_the_view_alone_is_evaluated_at_one_point(
+    run: Run, folder: Path, monkeypatch: pytest.MonkeyPatch
+):
+    most: list[int] = []
+    evaluate = SheetPoints.eval
+
+    def counted(self: SheetPoints, v: Any, l: Any) -> Any:  # noqa: E741  the field's own name
+        most.append(len(self.uv))
+        return evaluate(self, v, l)
+
+    monkeypatch.setattr(SheetPoints, "eval", counted)
+    text = material_for("RA1", "white").bsdf.markup("sheet")
+    (folder / "sheet.mtlx").write_text(text)
+    options = ("--class", "RA1", "--colour", "white")
+    assert run("photometry", "sheet.mtlx", *options)[0] == 0
+    assert max(most) == 64 and most[-1] == 1
+    most.clear()
+    # A pattern that no one of a few points meets.
+    corner = """<texcoord name="uv" type="vector2" />
+  <extract name="u" type="float"><input name="in" type="vector2" nodename="uv" /></extract>
+  <ifgreater name="inside" type="float">
+    <input name="value1" type="float" nodename="u" /><input name="value2" type="float" value="0.999" />
+    <input name="in1" type="float" value="0" /><input name="in2" type="float" value="1" />
+  </ifgreater>
+  <nodegraph"""
+    pattern = text.replace("<nodegraph", corner, 1).replace(
+        'name="retroreflectivity" type="float" value="1"',
+        'name="retroreflectivity" type="float" nodename="inside"',
+    )
+    (folder / "sheet.mtlx").write_text(pattern)
+    run("photometry", "sheet.mtlx", *options)
+    assert max(most) == 2048
+
+
+def test_an_OpenPBR_document_says_what_it_is(run: Run, folder: Path):
+    for name, colour in (("EN 1436 Q1", "grey"), ("RA1", "white")):
+        options = ("--class", name, "--colour", colour, "--as", "open_pbr")
+        status, out, err = run("material", *options, "-o", "surface.mtlx")
+        assert status == 0, err
+        doc = read_document("surface.mtlx").getNode("surface").getDocString()
+        assert doc.startswith(f"{name}, {colour}: ") and "Design help, no certification." in doc
+        assert "of which a share is retroreflective" not in out
+
+
+def test_an_OpenPBR_surface_keeps_the_margin_or_is_refused(monkeypatch: pytest.MonkeyPatch):
+    """One that never comes nearer than its minimum is in the class, but not by its margin."""
+    from mrm_nodes.photometry import openpbr
+
+    design = material_for("RA1", "white", margin=0.1)
+    short = [dataclasses.replace(row, value=1.05 * row.requirement.minimum) for row in design.rows]
+    monkeypatch.setattr(openpbr, "check", lambda *_: short)
+    monkeypatch.setattr(openpbr, "_HIGHEST", 1e9)
+    monkeypatch.setattr(openpbr, "_markup", lambda *_: design.bsdf.markup("sheet"))
+    with pytest.raises(MrmError, match=r"no OpenPBR surface .* RA1, white, with a margin of 0.1"):
+        openpbr.open_pbr_surface(design, "sheet")

@@ -6,6 +6,7 @@ import functools
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -92,6 +93,24 @@ def test_a_margin_that_the_maximum_of_a_class_forbids_is_refused():
         MrmError, match=r"no retroreflector of this kind is number plate, white, with a margin of 4.5"
     ):
         material_for("number plate", "white", margin=4.5)
+
+
+def test_a_start_that_ends_where_no_sheet_is_in_the_class_does_not_count(monkeypatch: pytest.MonkeyPatch):
+    """However small its excess: here 0, of a first one that is far too dark."""
+    import scipy.optimize
+
+    expected, search, calls = material_for("RA1", "red"), scipy.optimize.minimize, []
+
+    def first_fails(*given: Any, **options: Any) -> Any:
+        found = search(*given, **options)
+        if not calls:
+            found.x, found.fun = np.array([math.log(0.1), math.log(1e-5), 0.0]), 0.0
+        calls.append(found)
+        return found
+
+    monkeypatch.setattr(scipy.optimize, "minimize", first_fails)
+    assert material_for("RA1", "red").rms == pytest.approx(expected.rms, abs=1e-3)
+    assert len(calls) == 2
 
 
 @pytest.mark.parametrize("margin", [-0.1, math.nan, math.inf, 11.0])

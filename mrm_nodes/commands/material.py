@@ -88,7 +88,7 @@ def _of_class(name: str, colour: str | None, margin: float, form: str, output: P
     if as_asset:
         text = asset_text(stem, design.bsdf, design.colour, f"material of {design.retro_class.name}")
     elif form == "open_pbr":
-        text, rows, lost = open_pbr_surface(design, stem)
+        text, rows, lost = open_pbr_surface(design, stem, about(design))
     else:
         text = design.bsdf.markup(stem, about(design))
     _write(output, text)
@@ -116,22 +116,23 @@ def about(design: Design) -> str:
 
 
 def _from_asset(path: Path, name: str, colour: str | None, geometry: str | None, output: Path) -> None:
-    from mrm_nodes.photometry import luminance, retroreflection
+    from mrm_nodes.photometry import find_class, luminance, retroreflection
     from mrm_nodes.photometry.openmaterial import asset_text, material_of, read_asset
 
     found = read_asset(path)
     angles = (
         parse_geometry(geometry) if geometry is not None else found.geometry or _asked_geometry(path, found)
     )
-    colour = colour or found.colour or _asked_colour(path)
+    like = find_class(name)
+    colour = like.resolve(colour or found.colour or _asked_colour(path))
     bsdf = material_of(found.coefficient, angles, colour, name)
     if output.suffix.lower() == ".xomp":
-        text = asset_text(found.name, bsdf, colour, f"from {path.name}: {found.coefficient:g}")
+        text = asset_text(found.name, bsdf, colour, f"from {path.name}: {found.coefficient:g}", found)
     else:
         text = bsdf.markup(output.stem, f"{found.name}, {colour}: R_A {found.coefficient:g} of {path.name}.")
     _write(output, text)
     value = float(luminance(retroreflection(bsdf, *angles)))
-    click.echo(f"{output}: {found.name}, {colour}, shaped as {name}: {_parameters(bsdf)}")
+    click.echo(f"{output}: {found.name}, {colour}, shaped as {like.name}: {_parameters(bsdf)}")
     click.echo(f"R_A {value:.6g} cd/(lx m²) at observation {angles[0]:g}°, entrance {angles[1]:g}°")
 
 

@@ -92,7 +92,11 @@ def photometry(
         )
     if area is None:
         area = ((0.0, 0.0), (1.0, 1.0)) if sheet.is_driven else ((0.5, 0.5), (0.5, 0.5))
-    points, few = (sheet.at(spread(area, count)) for count in (POINTS, FEW_POINTS))
+    few = sheet.at(spread(area, FEW_POINTS))
+    if len(few.uv) > 1 and not sheet.asks_where and _agree(few):
+        points = few = sheet.at(few.uv[:1])
+    else:
+        points = sheet.at(spread(area, POINTS))
 
     rows = [] if name is None else check(few if "Q_d" in quantities else points, name, colour)
     measured = [_measured(points, each) for each in given or ([] if rows else UNASKED)]
@@ -160,6 +164,17 @@ def spread(area: Area, count: int) -> Any:
     return low + (high - low) * ((0.5 + step * np.arange(count)[:, None]) % 1.0)
 
 
+def _agree(bsdf: Any) -> bool:
+    """Whether its points have the same R_A, as where a graph asks for the view alone."""
+    import numpy as np
+
+    from mrm_nodes.photometry import luminance, retroreflection
+
+    value = luminance(retroreflection(bsdf, *np.array(UNASKED).T[..., None]))
+    least, most = value.min(axis=-1), value.max(axis=-1)
+    return bool((most <= least * (1.0 + ROUNDING)).all())
+
+
 def _measured(bsdf: Any, angles: Sequence[float]) -> dict[str, Any]:
     """R_A in one geometry, over the points of a sheet."""
     import numpy as np
@@ -222,7 +237,7 @@ def row_data(row: Row) -> dict[str, Any]:
 def _described(retro_class: Any, colour: str | None) -> dict[str, Any]:
     return {
         "name": retro_class.name,
-        "colour": colour or next(iter(retro_class.requirements)),
+        "colour": retro_class.resolve(colour),
         "title": retro_class.title,
         "standing": retro_class.standing,
         "source": retro_class.source,

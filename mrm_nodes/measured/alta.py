@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
-from mrm_nodes.measured.measurement import Array, Measurement, above, directions
+from mrm_nodes.measured.measurement import Array, Measurement, above, check_values, directions
 from mrm_nodes.measured.reciprocity import cosine_power
 
 COSINES = {"none": 0, "view": 1, "light": -1}
@@ -127,7 +127,7 @@ def read_alta(path: Path, text: str, cosine: str | None = None) -> Measurement:
             )
         direction /= length
     value = rows[:, count : count + values]
-    _check_values(path, value)
+    check_values(path, value)
     claimed = OUTPUTS.get(header.get("PARAM_OUT", "").upper(), "?")
     if claimed == "?":
         raise MrmError(f"{path}: {unknown('PARAM_OUT', header['PARAM_OUT'], filter(None, OUTPUTS))}")
@@ -198,14 +198,6 @@ def _check_radians(path: Path, name: str, coordinates: Array, polar: tuple[int, 
                 f"{path}: {name}: an angle from the normal is {largest:g}, beyond π/2 = 1.5708: it looks like degrees, "
                 "and radians are meant; convert them"
             )
-
-
-def _check_values(path: Path, value: Array) -> None:
-    bad = ~np.isfinite(value)
-    if bad.any():
-        raise MrmError(f"{path}: the value of sample {int(np.argwhere(bad)[0][0]) + 1} is no finite number")
-    if (value < 0.0).any():
-        raise MrmError(f"{path}: the value of sample {int(np.argwhere(value < 0.0)[0][0]) + 1} is negative")
 
 
 def _cosine(

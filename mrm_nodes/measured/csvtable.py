@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,7 +11,7 @@ import numpy as np
 
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.measured.alta import LIMIT
-from mrm_nodes.measured.measurement import Array, Measurement, above, directions
+from mrm_nodes.measured.measurement import Array, Measurement, above, check_values, directions
 
 ANGLES = ("theta_v", "theta_l", "phi_v", "phi_l", "dphi")
 GONIOMETER = ("observation", "beta1", "beta2", "rotation")
@@ -25,7 +26,8 @@ HELP = (
 def read_csv(path: Path, text: str) -> Measurement:
     """The samples of a table whose first line names its columns; lines that begin with # are comments.
 
-    Commas, semicolons, tabs or spaces stand between the columns.
+    Commas, semicolons, tabs or spaces stand between the columns, whose cells may be quoted. Where it is no comma, a
+    number may have a decimal comma.
 
     Raises:
         MrmError: columns are missing, or it is not whole.
@@ -37,9 +39,17 @@ def read_csv(path: Path, text: str) -> Measurement:
     ]
     if not lines:
         raise MrmError(f"{path}: no line in it")
-    separator = next((each for each in (";", "\t", ",") if each in lines[0][1]), None)
-    names = [_plain(each) for each in lines[0][1].split(separator)]
-    if all(_is_number(each) for each in names):
+    said = re.fullmatch(r"sep=(.)", lines[0][1])  # Excel's first line
+    lines = lines[1:] if said else lines
+    if not lines:
+        raise MrmError(f"{path}: no line in it")
+    header = re.sub(r'"[^"]*"', "", lines[0][1])
+    separator = said[1] if said else next((each for each in (";", "\t", ",") if each in header), None)
+    cells = _cells(path, *lines[0], separator)
+    while cells and not cells[-1]:
+        cells.pop()
+    names = [_plain(each) for each in cells]
+    if all(_number(each, separator) is not None for each in cells):
         raise MrmError(f"{path}: its first line names no columns: {HELP}")
     if len(set(names)) != len(names):
         raise MrmError(f"{path}: a column is named twice: {', '.join(names)}")
@@ -72,7 +82,7 @@ def read_astm(path: Path, text: str) -> Measurement:
     channels = ("luminance",) if len(names) == 5 else tuple(names[4:])
     columns = {"theta_l": rows[:, 0], "phi_l": rows[:, 1], "theta_v": rows[:, 2], "phi_v": rows[:, 3]}
     v, l = _directions(path, columns)  # noqa: E741  the field's own name
-    _check_values(path, rows[:, 4:])
+    check_values(path, rows[:, 4:])
     return above(v, l, rows[:, 4:], channels, path.stem)
 
 
@@ -82,7 +92,7 @@ def _measured(path: Path, columns: Mapping[str, Array]) -> Measurement:
         raise MrmError(f"{path}: no column of values among {', '.join(columns)}: {HELP}")
     v, l = _directions(path, columns)  # noqa: E741
     value = np.column_stack([columns[name] for name in value_names])
-    _check_values(path, value)
+    check_values(path, value)
     if value_names == ("r_a",):
         value = value / np.maximum(v[:, 2:] * l[:, 2:], 1e-9)
     channels = ("R", "G", "B") if len(value_names) == 3 else ("luminance",)
@@ -94,10 +104,10 @@ def _directions(path: Path, columns: Mapping[str, Array]) -> tuple[Array, Array]
         pair = [np.column_stack([columns[name] for name in VECTORS[k : k + 3]]) for k in (0, 3)]
         for each in pair:
             length = np.linalg.norm(each, axis=1, keepdims=True)
-            if not (np.abs(length - 1.0) < 1e-3).all():
+            wrong = ~(np.abs(length - 1.0) < 1e-3)
+            if wrong.any():
                 raise MrmError(
-                    f"{path}: sample {int(np.argmax(np.abs(length - 1.0) >= 1e-3)) + 1}: "
-                    "a direction is not of unit length"
+                    f"{path}: sample {int(np.argmax(wrong)) + 1}: a direction is not of unit length"
                 )
             each /= length
         return pair[0], pair[1]
@@ -106,12 +116,20 @@ def _directions(path: Path, columns: Mapping[str, Array]) -> tuple[Array, Array]
 
         zero = np.zeros(len(columns["beta1"]))
         given = [columns.get(name, zero) for name in GONIOMETER]
+        for name, each in zip(GONIOMETER, given, strict=True):
+            _check_finite(path, name, each)
         if any(
             np.abs(each).max() > limit for each, limit in zip(given[:3], (180.0, 90.0, 90.0), strict=True)
         ):
             raise MrmError(f"{path}: an angle is beyond 90°")
         view, light = goniometer(*given)
         return np.asarray(view, np.float64), np.asarray(light, np.float64)
+    others = [name for name in columns if name.startswith(("observation", "entrance", "alpha", "beta"))]
+    if others:
+        raise MrmError(
+            f"{path}: {', '.join(others)}: name the observation angle's column observation, and the entrance angle's "
+            f"beta1, both in degrees ({HELP})"
+        )
     angles = _in_radians(path, columns)
     for name in ("theta_v", "theta_l"):
         if name not in angles:
@@ -135,10 +153,7 @@ def _in_radians(path: Path, columns: Mapping[str, Array]) -> dict[str, Array]:
         elif name in columns:
             angles[name] = columns[name]
     for name, values in angles.items():
-        if not np.isfinite(values).all():
-            raise MrmError(
-                f"{path}: {name} of sample {int(np.argmin(np.isfinite(values))) + 1} is no finite number"
-            )
+        _check_finite(path, name, values)
         largest = float(np.abs(values).max()) if len(values) else 0.0
         if largest > (LIMIT if name.startswith("theta") else 2.02 * np.pi):
             raise MrmError(
@@ -148,22 +163,30 @@ def _in_radians(path: Path, columns: Mapping[str, Array]) -> dict[str, Array]:
     return angles
 
 
-def _check_values(path: Path, value: Array) -> None:
-    bad = ~np.isfinite(value)
-    if bad.any():
-        raise MrmError(f"{path}: the value of sample {int(np.argwhere(bad)[0][0]) + 1} is no finite number")
-    if (value < 0.0).any():
-        raise MrmError(f"{path}: the value of sample {int(np.argwhere(value < 0.0)[0][0]) + 1} is negative")
+def _check_finite(path: Path, name: str, values: Array) -> None:
+    finite = np.isfinite(values)
+    if not finite.all():
+        raise MrmError(f"{path}: {name} of sample {int(np.argmin(finite)) + 1} is no finite number")
+
+
+def _cells(path: Path, number: int, line: str, separator: str | None) -> list[str]:
+    if separator is None:
+        return line.split()
+    try:
+        return [each.strip() for each in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    except csv.Error as error:
+        raise MrmError(f"{path}: line {number}: {error}") from None
 
 
 def _numbers(path: Path, lines: Sequence[tuple[int, str]], separator: str | None, count: int) -> Array:
     rows = []
     for number, line in lines:
-        words = line.split(separator)
-        try:
-            row = [float(word) for word in words]
-        except ValueError:
-            raise MrmError(f"{path}: line {number}: {line[:40]!r} is no row of numbers") from None
+        cells = _cells(path, number, line, separator)
+        while len(cells) > count and not cells[-1]:
+            cells.pop()
+        row = [each for each in (_number(cell, separator) for cell in cells) if each is not None]
+        if len(row) != len(cells):
+            raise MrmError(f"{path}: line {number}: {line[:40]!r} is no row of numbers")
         if len(row) != count:
             raise MrmError(f"{path}: line {number} has {len(row)} numbers, not {count}: is the file whole?")
         rows.append(row)
@@ -181,9 +204,11 @@ def _plain(name: str) -> str:
     return plain + ("" if plain.endswith("_deg") or plain in GONIOMETER else degrees)
 
 
-def _is_number(text: str) -> bool:
+def _number(text: str, separator: str | None) -> float | None:
+    """A number, which has a decimal comma where that separates nothing; None for what is none."""
+    if separator != "," and "." not in text:
+        text = text.replace(",", ".")
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
+        return None

@@ -140,10 +140,7 @@ def usable(measurement: Measurement) -> Measurement:
     Raises:
         MrmError: none, or channels other than one or three.
     """
-    if len(measurement.channels) not in (1, 3):
-        raise MrmError(
-            f"{len(measurement.channels)} channels ({', '.join(measurement.channels[:6])}…): take one or three of them"
-        )
+    measurement.check_colour()
     mask = (
         (measurement.theta_v < GRAZING)
         & (measurement.theta_l < GRAZING)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -100,11 +101,27 @@ class Measurement:
         chosen = [self.channels.index(name) for name in channels]
         return replace(self, value=self.value[:, chosen], channels=tuple(channels))
 
+    def check_colour(self) -> None:
+        """Check that it is grey or a colour.
+
+        Raises:
+            MrmError: channels other than one or three.
+        """
+        if len(self.channels) not in (1, 3):
+            raise MrmError(
+                f"{len(self.channels)} channels ({', '.join(self.channels[:6])}{'…' * (len(self.channels) > 6)}): "
+                "take one or three of them"
+            )
+
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741  the field's own name
         """f at other directions, (..., 3), one channel three times: an isotropic table, between its samples.
 
         The weighted mean of the logarithms of the nearest ones; nothing is known of what lies far from them all.
+
+        Raises:
+            MrmError: channels other than one or three.
         """
+        self.check_colour()
         value = self._between(v, l)
         return np.broadcast_to(value, (*value.shape[:-1], 3)).copy() if value.shape[-1] == 1 else value
 
@@ -178,3 +195,14 @@ def isotropic(v: Array, l: Array) -> Array:  # noqa: E741
 
 def _first(bad: NDArray[np.bool_]) -> int:
     return int(np.argwhere(bad)[0][0]) + 1
+
+
+def check_values(path: Path, value: Array) -> None:
+    """Check the values of a file, (n, k), as it has them.
+
+    Raises:
+        MrmError: one is negative, or no finite number; says which.
+    """
+    for bad, said in ((~np.isfinite(value), "no finite number"), (value < 0.0, "negative")):
+        if bad.any():
+            raise MrmError(f"{path}: the value of sample {_first(bad)} is {said}")

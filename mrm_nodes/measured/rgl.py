@@ -18,6 +18,8 @@ LIGHTS = tuple(range(0, 80, 10))
 def read_rgl(path: Path, content: bytes) -> Measurement:
     """f at `LIGHTS`, and for each at viewers all over the hemisphere, more of them about retroreflection.
 
+    Mitsuba's variant is set to `scalar_rgb` meanwhile; where none was set before, it stays, as Mitsuba cannot unset it.
+
     Raises:
         MrmError: Mitsuba is missing, or does not take the file.
     """

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import write_text
 from mrm_nodes.measured.alta import LIMIT
@@ -24,6 +25,7 @@ VERSION = "1.0.0"
 """Of OpenMATERIAL 3D."""
 WAVELENGTHS = {"luminance": 555.0, "R": 611.4, "G": 549.1, "B": 464.3}
 """Nanometres that channels which are none are written with: the eye's best, and those of Rec.709's primaries."""
+_HUGE = 10**300
 _LARGEST = (1.570796, 1.570796, 6.283185)
 """What the schema lets θ_i, θ_o and φ_o be."""
 
@@ -35,8 +37,8 @@ def read_xompt(path: Path, text: str) -> Measurement:
         MrmError: it is no such table, or not whole.
     """
     try:
-        table = json.loads(text)
-    except (json.JSONDecodeError, RecursionError) as error:
+        table = jsontext.loads(text)
+    except ValueError as error:
         raise MrmError(f"{path}: no JSON: {error}; is the file whole?") from None
     brdf = table.get("brdf") if isinstance(table, dict) else None
     rows = brdf.get("lookupTable") if isinstance(brdf, dict) else None
@@ -44,18 +46,13 @@ def read_xompt(path: Path, text: str) -> Measurement:
         raise MrmError(
             f"{path}: no brdf.lookupTable in it: of OpenMATERIAL's tables, those of BRDFs are read"
         )
-    whole = [
-        row
-        for row in rows
-        if isinstance(row, list) and len(row) == 5 and all(isinstance(each, int | float) for each in row)
-    ]
-    known_gaps = [row for row in rows if isinstance(row, list) and len(row) == 5 and None in row]
-    if len(whole) + len(known_gaps) != len(rows):
-        bad = next(k for k, row in enumerate(rows) if row not in whole and row not in known_gaps)
-        raise MrmError(f"{path}: row {bad + 1} of lookupTable is not five numbers: λ, θi, θo, φo, f")
-    if known_gaps:
+    for k, row in enumerate(rows):
+        if not (isinstance(row, list) and len(row) == 5 and all(map(_is_number_or_none, row))):
+            raise MrmError(f"{path}: row {k + 1} of lookupTable is not five numbers: λ, θi, θo, φo, f")
+    whole = [row for row in rows if None not in row]
+    if len(whole) < len(rows):
         warnings.warn(
-            f"{path}: {len(known_gaps)} rows have no value, and are left out", MrmWarning, stacklevel=2
+            f"{path}: {len(rows) - len(whole)} rows have no value, and are left out", MrmWarning, stacklevel=2
         )
     if not whole:
         raise MrmError(f"{path}: no row has a value")
@@ -86,6 +83,13 @@ def read_xompt(path: Path, text: str) -> Measurement:
         names = written
     v, l = directions(places[:, 1], places[:, 2]), directions(places[:, 0], 0.0)  # noqa: E741
     return above(v, l, value, tuple(names), sample if isinstance(sample, str) else "")
+
+
+def _is_number_or_none(value: object) -> bool:
+    """Whether float64 holds it, or it is a gap."""
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) <= _HUGE
+    return value is None or isinstance(value, float)
 
 
 def _check(path: Path, data: np.ndarray[Any, Any]) -> None:

@@ -33,6 +33,8 @@ UNITS: dict[Quantity, str] = {"R_A": "cd/(lx m²)", "R_L": "mcd/(lx m²)", "Q_d"
 
 ANY = "any"
 """The colour of a class that asks the same of all."""
+COLOURS = ("white", "yellow", "orange", "red", "green", "blue", "brown", "grey")
+"""What a class of any colour may have."""
 _SYNONYMS = {"gray": "grey", "silver": "white", "amber": "orange"}
 
 _FILE = Path(__file__).with_name("classes.toml")
@@ -69,24 +71,32 @@ class RetroClass:
     source: str
     requirements: Mapping[str, tuple[Requirement, ...]]
 
-    def of(self, colour: str | None) -> tuple[Requirement, ...]:
-        """What is asked of a colour, which a class of a single one need not be told.
+    def resolve(self, colour: str | None) -> str:
+        """The name of a colour, however it is spelt; a class of a single one, or of any, need not be told.
 
         Raises:
             MrmError: the class has no such colour, or several.
         """
+        own = list(self.requirements)
         if colour is None:
-            if len(self.requirements) > 1:
-                raise MrmError(f"{self.name} has several colours; name one: {', '.join(self.requirements)}")
-            return next(iter(self.requirements.values()))
-        known = list(self.requirements)
-        if known == [ANY]:
-            return self.requirements[ANY]
+            if len(own) > 1:
+                raise MrmError(f"{self.name} has several colours; name one: {', '.join(own)}")
+            return own[0]
+        known = [*COLOURS, ANY] if own == [ANY] else own
         wanted = _plain(colour)
-        wanted = _SYNONYMS.get(wanted, wanted) if wanted not in known else wanted
+        wanted = _SYNONYMS.get(wanted, wanted)
         if wanted not in known:
             raise MrmError(f"{self.name}: {unknown('colour', colour, known)}")
-        return self.requirements[wanted]
+        return wanted
+
+    def of(self, colour: str | None) -> tuple[Requirement, ...]:
+        """What is asked of a colour.
+
+        Raises:
+            MrmError: as `resolve`.
+        """
+        resolved = self.resolve(colour)
+        return self.requirements[resolved if resolved in self.requirements else ANY]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes.errors import MrmError, unknown
+from mrm_nodes.errors import MrmError
 from mrm_nodes.photometry.classes import ANY, UNITS, Requirement, RetroClass, Row, check, find_class, values
 from mrm_nodes.photometry.colour import luminance
 from mrm_nodes.photometry.retroreflector import ClearTop, Retroreflector
@@ -74,9 +74,9 @@ def material_for(name: str, colour: str | None = None, margin: float = 0.0) -> D
         raise MrmError(f"margin {margin:g}: a share of each minimum from 0 to 10, such as 0.1")
     found = find_class(name)
     asked = found.of(colour)
-    named = next(each for each, rows in found.requirements.items() if rows is asked)
+    named = found.resolve(colour)
     if named == ANY:
-        named = _known_colour(colour or "white")
+        named = "white"
     film, back = COLOURS[named]
     if asked[0].quantity == "R_A":
         bsdf = _sheet(asked, np.array(back) / luminance(back), film, margin)
@@ -88,12 +88,6 @@ def material_for(name: str, colour: str | None = None, margin: float = 0.0) -> D
             f"no retroreflector of this kind is {found.name}, {named}, with a margin of {margin:g}"
         )
     return design
-
-
-def _known_colour(name: str) -> str:
-    if name.casefold() not in COLOURS:
-        raise MrmError(unknown("colour", name, COLOURS))
-    return name.casefold()
 
 
 def _sheet(asked: tuple[Requirement, ...], back: Array, film: Colour, margin: float) -> Retroreflector:
@@ -117,7 +111,7 @@ def _sheet(asked: tuple[Requirement, ...], back: Array, film: Colour, margin: fl
         return np.concatenate([above, (most - goal - above)[np.isfinite(most)]])
 
     bounds = [(math.log(5e-4), math.log(0.3)), (math.log(1e-6), math.log(largest)), (0.0, 20.0)]
-    best = None
+    tries = []
     for alpha in (0.005, 0.01):
         f0 = 4.0 * math.pi * alpha**2 * math.exp(goal.max())
         start = np.array([math.log(alpha), math.log(min(1.5 * f0, largest)), 4.0])
@@ -129,9 +123,8 @@ def _sheet(asked: tuple[Requirement, ...], back: Array, film: Colour, margin: fl
             constraints={"type": "ineq", "fun": room},
             options={"maxiter": 200, "ftol": 1e-10},
         )
-        if best is None or (room(tried.x).min() > -1e-4 and tried.fun < best.fun):
-            best = tried
-    assert best is not None
+        tries.append(tried)
+    best = min(tries, key=lambda tried: (room(tried.x).min() <= -1e-4, tried.fun))
     x = np.array([math.log(_rounded(math.exp(best.x[0]))), best.x[1], round(best.x[2], 3)])
     for _ in range(4):
         x[1] -= excess(x).min() - _SLACK

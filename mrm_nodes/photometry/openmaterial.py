@@ -9,7 +9,7 @@ import json
 import math
 import re
 import uuid
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -30,9 +30,11 @@ GEOMETRY = (0.2, -4.0)
 """Observation and entrance angle in degrees of the coefficient that is written."""
 _LARGEST_FILE = 16 << 20
 _SAID = re.compile(
-    r"observation (?P<observation>[\d.]+) deg, entrance (?P<entrance>-?[\d.]+) deg(?:, colour (?P<colour>[a-z]+))?"
+    r"observation (?P<observation>\d+(?:\.\d+)?) deg, entrance (?P<entrance>-?\d+(?:\.\d+)?) deg"
+    r"(?:, colour (?P<colour>[a-z]+))?"
 )
 """How our own files say in `sources` what the coefficient is of."""
+_BEFORE = "; before: "
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,8 @@ class Asset:
     coefficient: float
     """R_A in cd/(lx m²)."""
     sources: str
+    tree: Mapping[str, Any]
+    """All of the file."""
 
     @property
     def geometry(self) -> tuple[float, float] | None:
@@ -89,6 +93,7 @@ def read_asset(path: Path) -> Asset:
         name if isinstance(name, str) and name else path.stem,
         float(place),
         sources if isinstance(sources, str) else "",
+        tree,
     )
 
 
@@ -137,10 +142,11 @@ def material_of(
     return made(x)
 
 
-def asset_text(name: str, bsdf: Any, colour: str, title: str) -> str:
+def asset_text(name: str, bsdf: Any, colour: str, title: str, asset: Asset | None = None) -> str:
     """The text of a .xomp file with the coefficient of a BSDF at 0.2, -4 degrees, which `sources` says.
 
     title: what the values are of, such as the name of a class.
+    asset: one that is kept, but for the coefficient and its sources, and that has a name of its own.
 
     Raises:
         MrmError: the coefficient is more than the schema allows.
@@ -154,6 +160,16 @@ def asset_text(name: str, bsdf: Any, colour: str, title: str) -> str:
         f"mrm-nodes: {title}; R_A at observation {GEOMETRY[0]:g} deg, entrance {GEOMETRY[1]:g} deg, "
         f"colour {colour}; illuminant A"
     )
+    data = {"coefficientOfRetroreflection": float(f"{value:.6g}"), "sources": sources}
+    if asset is not None:
+        ours = _SAID.search(asset.sources) is not None
+        before = asset.sources.partition(_BEFORE)[2] if ours else asset.sources
+        if before:
+            data["sources"] = f"{sources}{_BEFORE}{before}"
+        properties = asset.tree["materialProperties"]
+        kept = {**properties["retroreflectivityData"], **data}
+        whole = {**asset.tree, "materialProperties": {**properties, "retroreflectivityData": kept}}
+        return json.dumps(whole, indent=2) + "\n"
     tree = {
         "metadata": {
             "name": name,
@@ -164,11 +180,6 @@ def asset_text(name: str, bsdf: Any, colour: str, title: str) -> str:
             "license": "unspecified",
             "authors": [],
         },
-        "materialProperties": {
-            "retroreflectivityData": {
-                "coefficientOfRetroreflection": float(f"{value:.6g}"),
-                "sources": sources,
-            }
-        },
+        "materialProperties": {"retroreflectivityData": data},
     }
     return json.dumps(tree, indent=2) + "\n"

@@ -20,7 +20,7 @@ from mrm_nodes.library import host, shared_library
 
 Array = NDArray[np.float64]
 
-SMALLEST_FACING = 1e-3
+SMALLESTFACING = 1e-3
 """What |n.v| is raised to before a lobe is widened by it."""
 WIDEST = 1.0
 """The largest alpha of MaterialX's nodes."""
@@ -131,7 +131,7 @@ class Retroreflector(ref.Closure):
     def _lobe(self, alpha: ArrayLike, facing: Array, kept: ArrayLike) -> ref.GeneralizedSchlick:
         width = np.asarray(alpha, np.float64)
         if self.widening is not None:
-            grown = np.maximum(facing, SMALLEST_FACING) ** -np.asarray(self.widening, np.float64)
+            grown = np.maximum(facing, SMALLESTFACING) ** -np.asarray(self.widening, np.float64)
             width = np.minimum(width * grown, WIDEST)
         f90 = self.f0 if self.f90 is None else self.f90
         return ref.GeneralizedSchlick(
@@ -251,7 +251,7 @@ def _lobe_markup(bsdf: Retroreflector, name: str, lobe: str, alpha: ArrayLike, w
     return _node("mrm_generalized_schlick_bsdf", lobe, *inputs)
 
 
-_FACING = """
+FACING = """
     <!-- How much the surface faces the viewer: |n.v|. -->
     <normal name="normal" type="vector3">
       <input name="space" type="string" value="world" />
@@ -267,13 +267,14 @@ _FACING = """
       <input name="in" type="float" nodename="cosine" />
     </absval>
 """
+"""The nodes of a graph that give |n.v|, as `facing`."""
 
 
 def _graph(bsdf: Retroreflector, name: str) -> str:
     """What the reflectance and the width are for each view; text, for people to read and change."""
     inputs, nodes = [], []
     if bsdf.falloff is not None:
-        inputs.append(_interface("falloff", "float", _digits(bsdf.falloff), "Falloff", _DOCS["falloff"]))
+        inputs.append(_interface("falloff", "float", digits(bsdf.falloff), "Falloff", _DOCS["falloff"]))
         nodes.append(
             """
     <!-- The return is lost as the surface is turned away. -->
@@ -288,7 +289,7 @@ def _graph(bsdf: Retroreflector, name: str) -> str:
             if color is None:
                 continue
             label, about = f"{output.capitalize()} Color", _DOCS[output]
-            inputs.append(_interface(f"{output}_color", "color3", _digits(color, 3), label, about))
+            inputs.append(_interface(f"{output}_color", "color3", digits(color, 3), label, about))
             nodes.append(
                 f"""    <multiply name="kept_{output}" type="color3">
       <input name="in1" type="color3" interfacename="{output}_color" />
@@ -298,13 +299,13 @@ def _graph(bsdf: Retroreflector, name: str) -> str:
 """
             )
     if bsdf.widening is not None:
-        inputs.append(_interface("widening", "float", _digits(bsdf.widening), "Widening", _DOCS["widening"]))
+        inputs.append(_interface("widening", "float", digits(bsdf.widening), "Widening", _DOCS["widening"]))
         nodes.append(
             f"""
     <!-- And the lobe widens; no view is quite edge on, and no lobe wider than alpha 1. -->
     <max name="not_edge_on" type="float">
       <input name="in1" type="float" nodename="facing" />
-      <input name="in2" type="float" value="{SMALLEST_FACING}" />
+      <input name="in2" type="float" value="{SMALLESTFACING}" />
     </max>
     <power name="narrowing" type="float">
       <input name="in1" type="float" nodename="not_edge_on" />
@@ -315,7 +316,7 @@ def _graph(bsdf: Retroreflector, name: str) -> str:
         widths = {"": bsdf.alpha} | ({} if bsdf.second is None else {"second_": bsdf.second.alpha})
         for prefix, alpha in widths.items():
             label = f"{prefix.replace('_', ' ')}alpha".title()
-            inputs.append(_interface(f"{prefix}alpha", "float", _digits(alpha), label, _DOCS["alpha"]))
+            inputs.append(_interface(f"{prefix}alpha", "float", digits(alpha), label, _DOCS["alpha"]))
             nodes.append(
                 f"""    <divide name="{prefix}widened" type="float">
       <input name="in1" type="float" interfacename="{prefix}alpha" />
@@ -335,7 +336,7 @@ def _graph(bsdf: Retroreflector, name: str) -> str:
         return ""
     return f"""
   <nodegraph name="NG_{name}">
-{"".join(inputs)}{_FACING}{"".join(nodes)}  </nodegraph>
+{"".join(inputs)}{FACING}{"".join(nodes)}  </nodegraph>
 """
 
 
@@ -350,7 +351,7 @@ _DOCS = {
 
 def _interface(port: str, kind: str, value: str, label: str, doc: str) -> str:
     return (
-        f'    <input name="{port}" type="{kind}" value="{value}" uimin="{_digits(0.0, value.count(",") + 1)}" '
+        f'    <input name="{port}" type="{kind}" value="{value}" uimin="{digits(0.0, value.count(",") + 1)}" '
         f'uiname="{label}" doc={quoteattr(doc)} />\n'
     )
 
@@ -368,17 +369,17 @@ def _driven(port: str, kind: str, name: str, output: str) -> str:
 
 
 def _number(port: str, value: ArrayLike) -> str:
-    return f'    <input name="{port}" type="float" value="{_digits(value)}" />\n'
+    return f'    <input name="{port}" type="float" value="{digits(value)}" />\n'
 
 
 def _color(port: str, value: ArrayLike) -> str:
-    return f'    <input name="{port}" type="color3" value="{_digits(value, 3)}" />\n'
+    return f'    <input name="{port}" type="color3" value="{digits(value, 3)}" />\n'
 
 
 def _roughness(alpha: ArrayLike) -> str:
-    return f'    <input name="roughness" type="vector2" value="{_digits(alpha, 2)}" />\n'
+    return f'    <input name="roughness" type="vector2" value="{digits(alpha, 2)}" />\n'
 
 
-def _digits(value: ArrayLike, count: int = 1) -> str:
+def digits(value: ArrayLike, count: int = 1) -> str:
     """Numbers as a document has them, with what float32 holds of them."""
     return ", ".join(f"{each:.7g}" for each in np.broadcast_to(np.ravel(value), count))

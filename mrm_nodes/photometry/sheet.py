@@ -89,6 +89,16 @@ class Sheet:
         """Whether a graph drives an input of a lobe, or how they are put together."""
         return any(isinstance(port, Driven) for port in ports(self.closure.tree))
 
+    @property
+    def asks_where(self) -> bool:
+        """Whether a graph that drives it asks for texture coordinates, or what else a mesh may have."""
+        own = re.compile(r"^in \w+ i_(?!(?:position|normal|tangent|bitangent);)\w+;", re.MULTILINE)
+        return any(
+            own.search(self.shader(port.element).vertex)
+            for port in ports(self.closure.tree)
+            if isinstance(port, Driven)
+        )
+
     def shader(self, element: str) -> Shader:
         """The shader that shows what drives an input."""
         if element not in self._shaders:

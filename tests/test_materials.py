@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import json
 import math
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import mrm_nodes
 from mrm_nodes.commands.photometry import spread
 from mrm_nodes.documents import read_document
 from mrm_nodes.library import materials_path
-from mrm_nodes.photometry import SheetPoints, check, read_sheet, retroreflection
+from mrm_nodes.photometry import SheetPoints, check, read_sheet
 from mrm_nodes.render import CameraLight, PointLight, RenderedImage, render
 
 MATERIALS = sorted(path.stem for path in materials_path().glob("*.mtlx"))
@@ -211,10 +212,11 @@ def sheeting(name: str, part: str) -> SheetPoints:
     elif name == "road_paint":
         inside = np.abs(2.0 * uv[:, 0] - 1.0) < 0.45 * value("line_width")
     else:
-        back = retroreflection(sheet.at(uv), 0.2, 5.0)
-        of_part = (back[:, 2] > 4.0 * back[:, 0]) == (part == "blue")
-        bright = back.max(axis=-1)
-        inside = of_part & (bright > 0.5 * np.percentile(bright[of_part], 90.0))
+        # The plate from -1.75 to 1.75 and -0.5 to 0.5, its frame, and boxes about its five characters.
+        x, y = np.moveaxis((np.mod(uv * value("plates"), 1.0) - 0.5) * (3.5, 1.0), -1, 0)
+        character = np.abs(x[:, None] - (-0.97, -0.47, 0.03, 0.68, 1.16)).min(axis=-1) < 0.2
+        unprinted = (np.abs(x) < 1.58) & (np.abs(y) < 0.41) & ~(character & (np.abs(y) < 0.29))
+        inside = unprinted & (x < -1.35 if part == "blue" else x > -1.33)
     assert inside.sum() > 100
     return sheet.at(uv[inside])
 
@@ -243,3 +245,35 @@ def test_the_paint_is_bright_by_day_too():
     uv = spread(((0.35, 0.0), (0.65, 1.0)), 64)
     (row,) = check(read_sheet(file_of("road_paint")).at(uv), "EN 1436 Q3")
     assert row.passes
+
+
+def documented() -> list[list[str]]:
+    """The rows of the finished materials in docs/photometry.md: material, class, area, value, margin."""
+    text = (Path(__file__).parents[1] / "docs" / "photometry.md").read_text()
+    lines = text.split("## The finished materials")[1].splitlines()
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
+    return rows[2:]
+
+
+@pytest.mark.usefixtures("gl")
+@pytest.mark.parametrize("row", documented(), ids=lambda row: row[0])
+def test_the_page_says_what_the_command_prints(row: list[str], run: Any):
+    """The value within 1 %, and the margin as it is rounded."""
+    material, retro_class, area, value, margin = row
+    name, colour = retro_class.split(", ") if margin else ("", "")
+    asked = ("--class", name, "--colour", colour) if margin else ("--geometry", "0.2,5")
+    file = file_of(material.split("`")[1])
+    status, out, err = run("photometry", file, *asked, "--uv", area.strip("`"), "--json")
+    assert status == 0, err
+    tree = json.loads(out)
+    first = tree["rows"][0] if margin else tree["geometries"][0]
+    assert value.startswith(first["quantity"])
+    assert float(value.split()[1]) == pytest.approx(first["value"], rel=0.01)
+    if margin:
+        assert 100.0 * min(each["margin"] for each in tree["rows"]) == pytest.approx(
+            float(margin.removesuffix(" %")), abs=0.6
+        )
+
+
+def test_each_material_is_on_the_page():
+    assert {row[0].split("`")[1] for row in documented()} == set(MATERIALS)

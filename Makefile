@@ -10,6 +10,7 @@
 # make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
 #                coverage, for each reader
 # make faults    kill runs 200 times, fill the disk at every change, cut the power at every moment; hours
+# make docs      build the documentation's site, build/site/index.html; what is wrong with a page or a link ends it
 # make lint      check types, lint and format
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.
@@ -28,7 +29,7 @@ SWEEP := tests/test_sweep.py
 # `make regress-full` runs all of its cases, and `make test` none.
 TEXTURED := render_tests/test_textured.py
 
-.PHONY: regress regress-full sweep test lint setup clean targets clients fuzz faults
+.PHONY: regress regress-full sweep test docs lint setup clean targets clients fuzz faults
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --scenes
@@ -64,6 +65,10 @@ fuzz: setup
 faults: setup
 	MRM_FAULTS=200 $(BIN)/python -m pytest -q -n 2 tests/test_full_disk.py tests/test_power_cut.py tests/test_kills.py
 
+docs: setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[docs]'
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
+
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -76,4 +81,4 @@ setup: .venv/ready
 	@sh .ci/virtual-environment $(PYTHON)
 
 clean:
-	rm -rf .venv .venv-clients $(REPORT) .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv .venv-clients build $(REPORT) .pytest_cache .mypy_cache .ruff_cache

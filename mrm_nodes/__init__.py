@@ -10,6 +10,7 @@ _PUBLIC = {
     "library_path": "library",
     "load_library": "library",
     "search_path": "library",
+    "Shader": "shadergen",
     "generate_shader": "shadergen",
     "supported_targets": "shadergen",
     "retrofit": "surfaces",
@@ -20,11 +21,14 @@ _PUBLIC = {
 __all__ = [
     "MrmError",
     "MrmWarning",
+    "Shader",
     "generate_shader",
     "library_path",
     "load_library",
+    "measured",
     "photometry",
     "reference",
+    "regression",
     "render",
     "retrofit",
     "search_path",
@@ -35,6 +39,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name in _PUBLIC:
         return getattr(importlib.import_module(f"mrm_nodes.{_PUBLIC[name]}"), name)
-    if name in ("photometry", "reference", "render"):
+    if name in ("measured", "photometry", "reference", "regression", "render"):
         return importlib.import_module(f"mrm_nodes.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

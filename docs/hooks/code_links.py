@@ -67,7 +67,7 @@ def page_of(path: str) -> str:
 def _page(path: str) -> str:
     file = ROOT / path
     lexer = GLShaderLexer() if file.suffix == ".glsl" else get_lexer_for_filename(file.name)
-    form = HtmlFormatter(cssclass="highlight source", lineanchors="L", linenos="inline", anchorlinenos=True)
+    form = HtmlFormatter(wrapcode=True, lineanchors="L", linenos="inline", anchorlinenos=True)
     code = highlight(file.read_text(encoding="utf-8"), lexer, form)
     return f"---\nsearch:\n  exclude: true\nhide:\n  - toc\n---\n\n# {path}\n\n{code}\n"
 

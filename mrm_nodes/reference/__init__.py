@@ -1,8 +1,8 @@
 """The float64 evaluator: what the papers say, for arrays of any shape."""
 
-from .bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick
+from .bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick, Lobe
 from .diffuse import diffuse_microfacets, eon, lambert, oren_nayar
-from .distributions import GGX, Beckmann, BeckmannRational
+from .distributions import GGX, Beckmann, BeckmannRational, Distribution
 from .energy import average_albedo, white_albedo
 from .fresnel import fresnel_conductor, fresnel_dielectric, fresnel_schlick
 from .layers import Add, Closure, Lambert, Layer, Leaf, Mix, Multiply, OrenNayar
@@ -17,10 +17,12 @@ __all__ = [
     "Closure",
     "Conductor",
     "Dielectric",
+    "Distribution",
     "GeneralizedSchlick",
     "Lambert",
     "Layer",
     "Leaf",
+    "Lobe",
     "Mix",
     "Multiply",
     "OrenNayar",

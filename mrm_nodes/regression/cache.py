@@ -82,7 +82,8 @@ class Cache:
         Warns (MrmWarning) of an entry that is damaged or another case's, and removes it.
 
         Args:
-            task, backend: whose result it has to be.
+            task: whose result it has to be.
+            backend: where that was drawn.
 
         Raises:
             OSError: the files cannot be written.

@@ -76,60 +76,105 @@ _Threshold = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    # The texts below are the reference's, and each belongs to its key.
+    model_config = ConfigDict(extra="forbid", strict=True, use_attribute_docstrings=True)
 
 
 class ToleranceTable(_Table):
+    """A tolerance by its name: what is not given is not asked for."""
+
     max_rel: _Threshold | None = None
+    """Relative error of the worst value."""
     p999_rel: _Threshold | None = None
+    """Relative error that 99.9 % of the values keep."""
     rmse: _Threshold | None = None
+    """Root mean square of the differences, in the image's own unit."""
     flip: _Threshold | None = None
+    """Mean FLIP of the pictures as shown, 0 to 1."""
     hdr_flip: _Threshold | None = None
+    """Mean HDR-FLIP, 0 to 1."""
 
 
 class EnvironmentTable(_Table):
+    """The light around a case, by its name; a text is taken for `map`."""
+
     map: _Name
+    """`sky`, `studio`, or a latitude-longitude .hdr or .exr file."""
     rotation: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    """Degrees by which it is turned about +y, from +z towards +x."""
     intensity: _Threshold | None = None
+    """What its radiance is multiplied by."""
     samples: Annotated[int, Field(ge=1, le=1 << 20)] | None = None
+    """Directions that a lobe takes from it."""
 
 
 class Settings(_Table):
-    """What a case, the defaults and an adjustment have in common."""
+    """What every case has unless it says otherwise."""
 
     mesh: _Name | None = None
+    """`sphere`, `plane`, `baluster`, a name of `[meshes]`, or an .obj, .gltf or .glb file."""
     camera: _Name | None = None
+    """A name of `[cameras]`, or a camera as `render --camera` takes it; by default the whole mesh from +z."""
     light: _Names | None = None
+    """One or a list: names of `[lights]`, or lights as `render --light` takes them. Without it two directional
+    lights, or none where there is an environment."""
     environment: _Name | None = None
+    """`sky`, `studio`, a name of `[environments]`, or a latitude-longitude .hdr or .exr file."""
     size: _Size | None = None
+    """Pixels: `"640x480"`, `[640, 480]`, or `256` for a square."""
     tolerance: _Name | None = None
+    """A name of `[tolerances]`; without it the evaluator's own bounds, or a baseline's."""
     mask: _Name | None = None
+    """An image of the case's size: only its bright pixels count."""
     truth: Literal["auto", "physics", "baseline"] | None = None
+    """What the image is compared with; `"auto"` takes physics where it can."""
     time_limit: _Seconds | None = None
+    """Seconds after which the case is an error."""
 
 
 class CaseTable(Settings):
+    """One case for each material, and for each place in the matrix."""
+
     material: _Names
+    """A .mtlx file or a pattern (`*`, `**`), relative to the suite, or a list of them."""
     element: _Names | None = None
+    """The path of a material in the document, or a list; without it, each material is a case."""
     name: _Name | None = None
+    """A template: `{material}`, `{element}` and each axis of the matrix in braces."""
     input: dict[str, Any] = {}
+    """Values by the path of an input, `node/input` or `graph/node/input`; a connection there is cut."""
     matrix: dict[str, list[Any]] = {}
+    """Lists by `mesh`, `camera`, `light`, `environment`, `size`, `element` or `input:PATH`, multiplied out."""
 
 
 class AdjustTable(Settings):
+    """What some cases have instead."""
+
     cases: _Names
+    """Patterns of the cases' names, one or a list."""
 
 
 class SuiteTable(_Table):
+    """The file itself."""
+
     title: str = ""
+    """What the report is called."""
     defaults: Settings = Settings()
+    """What every case has unless it says otherwise."""
     meshes: dict[str, _Name] = {}
+    """Files by name: .obj, .gltf and .glb, relative to the suite."""
     cameras: dict[str, _Name] = {}
+    """Cameras by name, each as `render --camera` takes it."""
     lights: dict[str, _Names] = {}
+    """Lights by name, each one or a list, as `render --light` takes them."""
     environments: dict[str, Annotated[EnvironmentTable, BeforeValidator(_environment)]] = {}
+    """Environments by name."""
     tolerances: dict[str, ToleranceTable] = {}
+    """Tolerances by name."""
     case: Annotated[list[CaseTable], Field(min_length=1)]
+    """The cases."""
     adjust: list[AdjustTable] = []
+    """Adjustments; where several fit a case, the last one counts."""
 
 
 SETTINGS = tuple(Settings.model_fields)

@@ -8,9 +8,11 @@ import types
 from typing import Any
 
 from mrm_nodes.render.context import BACKENDS, BackendReport, get_context, probe_backends
+from mrm_nodes.render.environment import Environment, find_environment
 from mrm_nodes.render.images import read_image, write_exr, write_png
 from mrm_nodes.render.mesh import BUILT_IN, Mesh, baluster, plane, sphere
 from mrm_nodes.render.meshfile import load_mesh
+from mrm_nodes.render.picture import Development
 from mrm_nodes.render.renderer import RenderedImage, Renderer, render, shared_renderer
 from mrm_nodes.render.scene import (
     CAMERA_SYNTAX,
@@ -34,7 +36,9 @@ __all__ = [
     "BackendReport",
     "Camera",
     "CameraLight",
+    "Development",
     "DirectionalLight",
+    "Environment",
     "Framing",
     "Light",
     "Mesh",
@@ -43,6 +47,7 @@ __all__ = [
     "Renderer",
     "SpotLight",
     "baluster",
+    "find_environment",
     "get_context",
     "load_mesh",
     "parse_camera",

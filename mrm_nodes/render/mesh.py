@@ -33,7 +33,8 @@ class Mesh:
     Args:
         name: what errors call it.
         positions: (n, 3), in scene units.
-        normals, tangents: (n, 3), unit vectors.
+        normals: (n, 3), unit vectors.
+        tangents: (n, 3), unit vectors along u.
         texcoords: (n, 2); v grows upwards, as MaterialX has it.
         indices: (m, 3), counter-clockwise seen from outside.
         colors: (n, 4), or None for white.

@@ -82,11 +82,14 @@ class RenderedImage:
         image: (h, w, 3) linear radiance; 0 where nothing was drawn, and behind what is transparent: multiplied with
             `alpha`. Of several samples the mean, while the geometry is that of the pixels' middles.
         alpha: (h, w), how much of a pixel is covered, and how opaque by, 0 to 1.
-        position, normal, tangent: (h, w, 3) in world space, as interpolated: not quite unit vectors.
+        position: (h, w, 3) in world space, in scene units.
+        normal: (h, w, 3) in world space, as interpolated: not quite a unit vector.
+        tangent: (h, w, 3), likewise.
         texcoord: (h, w, 2), as interpolated.
         mask: (h, w), True where the mesh covers the middle of the pixel, and is not cut out there (alpha below 0.001).
         camera: the camera that was used.
-        backend, device: which OpenGL drew it.
+        backend: which OpenGL drew it, `egl` or `osmesa`.
+        device: the name that its driver gives.
         seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory.
         environment: what was around it.
         development: how a picture for eyes is made of it; None where none was wanted.
@@ -486,7 +489,8 @@ class Renderer:
                 `position`, `normal`, `tangent` (and `bitangent`, `texcoord_0`, `color_0`), and by the name
                 that a `geompropvalue` node gives. `position` is needed, and what the shader uses.
             camera_position: where the shader takes the view direction from.
-            uniforms, environment: as in `render`.
+            uniforms: as in `render`.
+            environment: as in `render`.
 
         Returns:
             `image`, `position`, `normal`, `tangent`: (n, 3) float32, in the order of the points.
@@ -977,8 +981,10 @@ def render(
         uniforms: values in place of the material's: see `Renderer.render`.
         environment: `sky`, `studio`, a latitude-longitude map (.hdr, .exr) or an Environment; black by default.
         samples: of each pixel. `image` and `alpha` are their mean; a picture is the mean of tone-mapped samples.
-        exposure, tonemap, background: how a picture is made of it, to be saved as .png or shown by a notebook: see
-            `Development`. They change nothing of `image`, nor of an .exr.
+        exposure: stops of the picture that is made of it, to be saved as .png or shown by a notebook; `auto` by its
+            own light. See `Development`. Like the next two it changes nothing of `image`, nor of an .exr.
+        tonemap: of that picture, `neutral`, `none` or a view; see `Development`.
+        background: behind that picture: `transparent`, `environment` or a colour; see `Development`.
         picture: whether one is wanted; several samples for an .exr alone cost less without.
         drawn: called after each draw, of which there are `draws_of(samples)`.
 

@@ -224,7 +224,8 @@ class Camera:
         fov: vertical field of view in degrees.
         width: width of the picture in scene units; makes the camera orthographic, and `fov` is not used.
             MaterialX's shaders take the view direction from `position` in both cases.
-        near, far: clipping distances; by default they follow the mesh.
+        near: the nearest distance that is drawn, in scene units; by default it follows the mesh.
+        far: the farthest, likewise.
 
     Raises:
         MrmError: a number that is none or out of range, or position, target and up in one line.

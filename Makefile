@@ -52,7 +52,7 @@ targets: setup
 	@sh .ci/compilers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[targets]'
 	MRM_REQUIRE_COMPILERS=glsl,essl,vulkan,wgsl,slang,msl,clients $(BIN)/python -m pytest -q -n 2 --dist loadscope \
-		--junitxml .venv-clients/targets.xml $(TARGET_TESTS) tests/test_reference_outputs.py
+		--junitxml .venv-clients/targets.xml $(TARGET_TESTS) tests/test_vectors.py
 
 clients: targets
 	@sh .ci/clients $(RELEASES)

@@ -447,11 +447,15 @@ def figures(folder: Path, tape: Path | None) -> None:
 @cli.command()
 @click.option("-o", "--output", "path", type=Path, default=Path("vectors.json"), show_default=True)
 def vectors(path: Path) -> None:
-    """Write test vectors for other renderers, their schema, and a page that shows how to use them."""
+    """Write test vectors for other renderers, their schema, a page on how to use them, and examples.
+
+    The rule: a retroreflective lobe is the forward lobe seen from v' = 2 (n.v) n - v; D, G, F and pdf are of v'.
+    """
+    from mrm_nodes.library import root_path
     from mrm_nodes.reference.vectors import write_vectors
 
     with _writing(path):
-        _say_written(write_vectors(path))
+        _say_written(write_vectors(path, root_path() / "docs"))
 
 
 @contextlib.contextmanager

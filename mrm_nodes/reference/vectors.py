@@ -1,22 +1,24 @@
 """Test vectors for those who put MRM into another renderer: inputs and results in one JSON file.
 
-Each case is self-contained: the lobe's class and parameters, and for each configuration v, l, eval and pdf,
-then u with the direction, weight and density that `sample` gives, and the directional albedo."""
+The file begins with the rule and with what each number means. Each case is self-contained: the lobe's class and all
+of its parameters, and for each configuration v, l, eval and pdf, then u with the direction, weight and density that
+`sample` gives, and the directional albedo."""
 
+import inspect
 import json
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
-from .checks import PAIRS
+from .checks import COMPENSATIONS, CORRELATIONS, DISTRIBUTIONS, PAIRS, SCATTER_MODES
 from .compiled import Array
 
 SCHEMA = "https://json-schema.org/draft/2020-12/schema"
 #: Raised when a reader of the file would have to change.
-VERSION = 1
+VERSION = 2
 
 CLASSES: dict[str, type[Lobe]] = {
     "Conductor": Conductor,
@@ -24,65 +26,160 @@ CLASSES: dict[str, type[Lobe]] = {
     "GeneralizedSchlick": GeneralizedSchlick,
 }
 
-_VECTOR = {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3}
+RULE = (
+    "A retroreflective lobe is the forward lobe seen from v' = 2 (n.v) n - v: D, G, F and pdf are those of v' and l. "
+    "With r the retroreflectivity, f = (1 - r) f(v, l) + r f(v', l), and the pdf likewise. "
+    "A transmitted lobe follows it only where retro_transmission is true."
+)
+
+CONVENTIONS = {
+    "frame": "normal n = +z, tangent +x; v and l are unit vectors away from the surface: v' = (-v.x, -v.y, v.z)",
+    "eval": "f in 1/sr, RGB, without the cosine; v.z < 0 is seen from inside, where the index is ior; "
+    "l on the other side of the surface than v is transmitted radiance",
+    "pdf": "1/sr, of the l that sample draws for v",
+    "alpha": "microfacet width along the tangent and across, no unit; a perceptual roughness r has alpha r * r",
+    "sample": "of u, three uniforms in [0, 1); weight is f |l.z| / pdf, RGB, no unit; a rejected sample has weight 0 "
+    "and pdf 0; where delta is true, pdf is a probability",
+    "albedo": "energy reflected and transmitted for v, RGB, no unit, by quadrature to 3e-4",
+    "precision": "eval and pdf are float64 and hold to 1e-12; compare a float32 renderer to 5e-6 / alpha",
+}
+
+_NUMBER = {"type": "number"}
+_POSITIVE = {"type": "number", "exclusiveMinimum": 0}
+_NOT_NEGATIVE = {"type": "number", "minimum": 0}
+
+
+def _array(item: dict[str, Any], length: int) -> dict[str, Any]:
+    return {"type": "array", "items": item, "minItems": length, "maxItems": length}
+
+
+class _Parameter(NamedTuple):
+    """What a parameter of a lobe is: its JSON schema, unit and meaning."""
+
+    schema: dict[str, Any]
+    unit: str
+    meaning: str
+
+
+_VECTOR = _array(_NUMBER, 3)
+_COLOUR = _array(_NOT_NEGATIVE, 3)
+_PARAMETERS: dict[str, _Parameter] = {
+    "ior": _Parameter(
+        {"anyOf": [_POSITIVE, _array(_POSITIVE, 3)]},
+        "none: relative to the outside, which has 1",
+        "index of refraction of the inside: RGB for a Conductor, one number for a Dielectric",
+    ),
+    "extinction": _Parameter(_COLOUR, "none: relative to the outside", "imaginary part of the index, RGB"),
+    "color0": _Parameter(_COLOUR, "none", "reflectance at normal incidence, RGB"),
+    "color82": _Parameter(_COLOUR, "none", "factor on the reflectance where the cosine is 1/7, RGB"),
+    "color90": _Parameter(_COLOUR, "none", "reflectance at grazing incidence, RGB"),
+    "exponent": _Parameter(_NOT_NEGATIVE, "none", "of Schlick's curve"),
+    "alpha": _Parameter(_array(_POSITIVE, 2), "none", "microfacet width along the tangent, and across"),
+    "tint": _Parameter(_COLOUR, "none", "factor on reflection and transmission, RGB"),
+    "scatter_mode": _Parameter({"enum": list(SCATTER_MODES)}, "", "reflection, transmission or both"),
+    "retro_transmission": _Parameter({"type": "boolean"}, "", "whether transmission is turned too"),
+    "retroreflectivity": _Parameter(
+        {"type": "number", "minimum": 0, "maximum": 1}, "none", "share r of the retroreflective lobe"
+    ),
+    "distribution": _Parameter(
+        {"enum": list(DISTRIBUTIONS)}, "", "of microfacet normals; phong's exponent is 2 / alpha^2 - 2"
+    ),
+    "masking": _Parameter({"enum": ["smith", "vcavity"]}, "", "G1; phong's is always vcavity"),
+    "correlation": _Parameter({"enum": list(CORRELATIONS)}, "", "G2 of Smith's two G1"),
+    "energy_compensation": _Parameter(
+        {"enum": list(COMPENSATIONS)}, "", "of lost multiple scattering; null: none"
+    ),
+    "thinfilm_thickness": _Parameter(_NOT_NEGATIVE, "nm", "of a film on the surface; 0: none"),
+    "thinfilm_ior": _Parameter(_POSITIVE, "none: relative to the outside", "index of refraction of the film"),
+    "slope_correlation": _Parameter(
+        {"type": "number", "exclusiveMinimum": -1, "exclusiveMaximum": 1},
+        "none",
+        "correlation of the slopes along the tangent and across",
+    ),
+    "mean_slope": _Parameter(_array(_NUMBER, 2), "none", "mean slope along the tangent, and across"),
+}
+"""In the file colours are always RGB and alpha a pair, so that a reader meets one shape of each."""
+
+
+def _signature(lobe: str) -> dict[str, inspect.Parameter]:
+    return dict(inspect.signature(CLASSES[lobe]).parameters)
+
+
+def _complete(lobe: str, given: dict[str, Any]) -> dict[str, Any]:
+    """All parameters of a lobe, in the shape that the file has them in."""
+    parameters = {}
+    for name, parameter in _signature(lobe).items():
+        value = given.get(name, parameter.default)
+        length = 3 if name == "ior" and lobe == "Conductor" else _PARAMETERS[name].schema.get("minItems")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool)
+        parameters[name] = [value] * length if length and is_number else value
+    return parameters
+
+
+def lobes() -> dict[str, Any]:
+    """What each lobe takes: for each parameter whether it has to be given, its default, unit and meaning."""
+    table: dict[str, Any] = {}
+    for lobe in CLASSES:
+        defaults = _complete(lobe, {})
+        table[lobe] = {}
+        for name in _signature(lobe):
+            is_required = defaults[name] is inspect.Parameter.empty
+            _, unit, meaning = _PARAMETERS[name]
+            table[lobe][name] = {
+                "required": is_required,
+                "default": None if is_required else defaults[name],
+                "unit": unit,
+                "meaning": meaning,
+            }
+    return table
+
+
+def _object(properties: dict[str, Any]) -> dict[str, Any]:
+    """A schema in which every key is required and no other allowed."""
+    return {
+        "type": "object",
+        "required": list(properties),
+        "properties": properties,
+        "additionalProperties": False,
+    }
 
 
 def schema() -> dict[str, Any]:
-    """The JSON schema of the file."""
-    point = {
-        "type": "object",
-        "required": ["v", "l", "eval", "pdf", "u", "sample", "albedo"],
-        "properties": {
+    """The JSON schema of the file: it has every key, and no other."""
+    text = {"type": "string"}
+    point = _object(
+        {
             "v": _VECTOR,
             "l": _VECTOR,
-            "eval": _VECTOR,
-            "pdf": {"type": "number", "minimum": 0},
+            "eval": _COLOUR,
+            "pdf": _NOT_NEGATIVE,
             "u": _VECTOR,
-            "sample": {
-                "type": "object",
-                "required": ["l", "weight", "pdf", "delta"],
-                "properties": {
-                    "l": _VECTOR,
-                    "weight": _VECTOR,
-                    "pdf": {"type": "number", "minimum": 0},
-                    "delta": {"type": "boolean"},
-                },
-            },
-            "albedo": _VECTOR,
-        },
+            "sample": _object(
+                {"l": _VECTOR, "weight": _COLOUR, "pdf": _NOT_NEGATIVE, "delta": {"type": "boolean"}}
+            ),
+            "albedo": _COLOUR,
+        }
+    )
+    described = _object({"required": {"type": "boolean"}, "default": True, "unit": text, "meaning": text})
+    cases = [
+        _object(
+            {
+                "name": text,
+                "lobe": {"const": lobe},
+                "parameters": _object({name: _PARAMETERS[name].schema for name in _signature(lobe)}),
+                "points": {"type": "array", "items": {"$ref": "#/$defs/point"}},
+            }
+        )
+        for lobe in CLASSES
+    ]
+    content = {
+        "rule": text,
+        "version": {"const": VERSION},
+        "conventions": _object(dict.fromkeys(CONVENTIONS, text)),
+        "lobes": _object({lobe: _object(dict.fromkeys(_signature(lobe), described)) for lobe in CLASSES}),
+        "cases": {"type": "array", "items": {"oneOf": cases}},
     }
-    case = {
-        "type": "object",
-        "required": ["name", "lobe", "parameters", "points"],
-        "properties": {
-            "name": {"type": "string"},
-            "lobe": {"enum": list(CLASSES)},
-            "parameters": {"type": "object"},
-            "points": {"type": "array", "items": point},
-        },
-    }
-    return {
-        "$schema": SCHEMA,
-        "title": "MRM test vectors",
-        "type": "object",
-        "required": ["version", "conventions", "cases"],
-        "properties": {
-            "version": {"const": VERSION},
-            "conventions": {"type": "object"},
-            "cases": {"type": "array", "items": case},
-        },
-    }
-
-
-CONVENTIONS = {
-    "frame": "normal +z, tangent +x; v and l are unit vectors away from the surface",
-    "eval": "f in 1/sr, RGB, without the cosine; v.z < 0 is seen from inside, where the index is ior",
-    "pdf": "per steradian, of what sample draws",
-    "alpha": "microfacet width along the tangent and across; a perceptual roughness r has alpha r * r",
-    "sample": "weight is f |l.z| / pdf; a rejected sample has weight 0 and pdf 0; for a delta, pdf is a probability",
-    "albedo": "energy reflected and transmitted, by quadrature to 3e-4",
-    "precision": "eval and pdf are float64 and hold to 1e-12; compare a float32 renderer to 5e-6 / alpha",
-}
+    return {"$schema": SCHEMA, "title": "MRM test vectors", **_object(content), "$defs": {"point": point}}
 
 
 def _parameters() -> list[tuple[str, dict[str, Any]]]:
@@ -160,104 +257,40 @@ def build(points: int = 8, seed: int = 20260412) -> dict[str, Any]:
             }
             for k in range(points)
         ]
-        cases.append({"name": f"{name}: {label}", "lobe": name, "parameters": parameters, "points": rows})
-    return {"version": VERSION, "conventions": CONVENTIONS, "cases": cases}
+        cases.append(
+            {
+                "name": f"{name}: {label}",
+                "lobe": name,
+                "parameters": _complete(name, parameters),
+                "points": rows,
+            }
+        )
+    return {"rule": RULE, "version": VERSION, "conventions": CONVENTIONS, "lobes": lobes(), "cases": cases}
 
 
-#: Braces are the examples' own: only @name@ and its like are put in.
-PAGE = """# MRM test vectors
-
-`@name@` holds @cases@ cases (version @version@; its schema is `@schema@`). A case names a lobe and its
-parameters; each of its points has `v`, `l`, `eval` (RGB, 1/sr, without the cosine), `pdf`, and for the
-uniforms `u` what sampling gives. Directions are unit vectors away from the surface in a frame whose normal
-is +z and whose tangent is +x. A sampler of your own may draw other directions for the same `u`: compare its
-`pdf`, and the mean of its weights with `albedo`.
-
-The examples check a conductor of your own against `eval`, to 5e-6 over its smaller alpha, as a float32 renderer can
-do it; `my_conductor` (`my_mrm_eval` in GLSL) is what you put in.
-
-## C++
-
-With [nlohmann/json](https://github.com/nlohmann/json) on the include path.
-
-```cpp
-#include <nlohmann/json.hpp>
-#include <fstream>
-#include <iostream>
-int main() {
-    auto file = nlohmann::json::parse(std::ifstream("@name@"));
-    for (auto& c : file["cases"]) {
-        auto p = c["parameters"];
-        if (c["lobe"] != "Conductor" || p.value("distribution", "") != "ggx" || p["masking"] != "smith") continue;
-        std::array<double, 2> alpha = p["alpha"];
-        double tolerance = 5e-6 / std::min(alpha[0], alpha[1]);
-        for (auto& q : c["points"]) {
-            std::array<double, 3> f = my_conductor(
-                p["ior"], p["extinction"], alpha, p["retroreflectivity"], q["v"], q["l"]), expected = q["eval"];
-            for (int k = 0; k < 3; ++k)
-                if (!(std::abs(f[k] - expected[k]) <= tolerance * std::max(expected[k], 1e-4)))
-                    std::cout << c["name"] << ": " << f[k] << " is not " << expected[k] << "\\n";
-        }
-    }
-}
-```
-
-## GLSL
-
-One texel a point: `v`, `l` and `eval` of a case as float textures; the relative error is the image.
-
-```glsl
-#version 330
-uniform sampler2D points_v, points_l, points_eval;
-uniform vec2 alpha;
-uniform float retroreflectivity;
-out vec4 error;
-void main() {
-    ivec2 at = ivec2(gl_FragCoord.xy);
-    vec3 expected = texelFetch(points_eval, at, 0).rgb;
-    vec3 f = my_mrm_eval(texelFetch(points_v, at, 0).xyz, texelFetch(points_l, at, 0).xyz, alpha, retroreflectivity);
-    error = vec4(abs(f - expected) / max(expected, vec3(1e-4)), 1.0);
-}
-```
-
-## JavaScript
-
-In Node; in a browser `await (await fetch(...)).json()` reads the file.
-
-```js
-const file = JSON.parse(require('fs').readFileSync('@name@'));
-for (const c of file.cases) {
-  const p = c.parameters;
-  if (c.lobe !== 'Conductor' || p.distribution !== 'ggx' || p.masking !== 'smith') continue;
-  const tolerance = 5e-6 / Math.min(...p.alpha);
-  for (const q of c.points) {
-    const f = my_conductor(p.ior, p.extinction, p.alpha, p.retroreflectivity, q.v, q.l);
-    const wrong = q.eval.some((x, k) => !(Math.abs(f[k] - x) <= tolerance * Math.max(x, 1e-4)));
-    if (wrong) console.log(`${c.name}: ${f} is not ${q.eval}`);
-  }
-}
-```
-"""
+#: Where the page and the examples lie in the documentation.
+PAGE, EXAMPLES = "vectors.md", "examples/vectors"
 
 
-def write_vectors(path: str | Path, points: int = 8) -> list[Path]:
-    """Write the vectors to `path`, and beside it their schema and a page on how to use them; returns the
-    three paths.
+def write_vectors(path: str | Path, documentation: Path, points: int = 8) -> list[Path]:
+    """Write the vectors to `path`, and beside it their schema, a page on how to use them, and a folder of examples
+    in Python, C++, GLSL and JavaScript; returns the paths of all files. The page and the examples are those of the
+    `documentation`.
     """
     target = Path(path)
     target.parent.mkdir(parents=True, exist_ok=True)
-    content = build(points)
-    target.write_text(json.dumps(content, indent=1) + "\n")
+    target.write_text(json.dumps(build(points), indent=1) + "\n")
     schema_path = target.with_suffix(".schema.json")
     schema_path.write_text(json.dumps(schema(), indent=1) + "\n")
+    examples = target.with_name(f"{target.stem}-examples")
+    examples.mkdir(exist_ok=True)
     page = target.with_suffix(".md")
-    text = PAGE
-    for name, value in (
-        ("name", target.name),
-        ("cases", len(content["cases"])),
-        ("version", VERSION),
-        ("schema", schema_path.name),
-    ):
-        text = text.replace(f"@{name}@", str(value))
-    page.write_text(text)
-    return [target, schema_path, page]
+    page.write_text(
+        (documentation / PAGE).read_text("utf-8").replace(f"{EXAMPLES}/", f"{examples.name}/"), "utf-8"
+    )
+    written = [target, schema_path, page]
+    for source in sorted((documentation / EXAMPLES).iterdir()):
+        if source.is_file():
+            written.append(examples / source.name)
+            written[-1].write_bytes(source.read_bytes())
+    return written

@@ -453,7 +453,10 @@ REASONS: dict[tuple[str, str], str] = {
     ("regress", r": undecided: an image 10 % off would pass: its lobes are too narrow"): (
         "a mirror: its lobe is too narrow for float32 to say anything, and the verdict says so"
     ),
-    ("regress", r": undecided: nothing is lit"): "nothing that the light of the case would show: it only emits",
+    (
+        "regress",
+        r": undecided: nothing is lit",
+    ): "nothing that the light of the case would show: it only emits",
     ("regress", r"^varying_ior.*: fail: [3-4]\.\d+e-05$"): (
         "an index of refraction from 0 to 1: float32 rounds Fresnel's factor by more than the bound, 2e-5"
     ),

@@ -28,6 +28,11 @@ FRESNEL_MAX = 1e-6
 FRESNEL_P999 = 3e-7
 """The same without a film: the 82 degree tint subtracts, and an index near 1 leaves only rounding."""
 
+HALF_COSINE_MAX, HALF_COSINE_P999 = 7e-7, 4e-7
+"""Error of the half angle's cosine, of which the Fresnel factor is taken. The virtual mirror of the view has six
+roundings a component (a sum of three products, its double, a difference), the half vector two, the products one, their
+sum two and a half: 11.5 of 2^-24 at most, and 6.6 in 999 of 1000 sums of as many uniform errors."""
+
 HALF_ANGLE = 0.06
 """Cosine of the half angle below which the bounds grow as HALF_ANGLE / cosine: of two nearly opposite directions the
 half vector keeps their rounding over the length of their sum."""

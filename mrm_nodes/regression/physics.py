@@ -14,12 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.reference import layers
+from mrm_nodes.reference import diffuse, fresnel, layers
 from mrm_nodes.reference.checks import scalar
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
 from mrm_nodes.regression.compare import (
     FLOOR,
+    HALF_COSINE_MAX,
+    HALF_COSINE_P999,
     Bounds,
     fresnel_bounds,
     grazing_factor,
@@ -30,9 +32,11 @@ from mrm_nodes.regression.environment_reference import Estimate, environment_ima
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import (
     SMALLEST_ALPHA,
+    UNIT,
     LightData,
     evaluator,
     light_at,
+    light_errors,
     shading_frame,
     white_evaluator,
 )
@@ -70,10 +74,11 @@ def shade_tree(
     try:
         for light in lights:
             direction, intensity = light_at(light, points.position)
-            part = placed.judge(tree, view, direction)
+            errors = light_errors(light, points.position)
+            part = placed.judge(tree, view, direction, errors.cosine)
             reference += part.value * intensity
-            most += part.most * intensity
-            usual += part.usual * intensity
+            most += part.most * np.abs(intensity) + np.abs(part.value) * errors.most
+            usual += part.usual * np.abs(intensity) + np.abs(part.value) * errors.usual
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
     size = np.maximum(np.abs(reference), FLOOR)
@@ -149,26 +154,26 @@ class _Placed:
             case closure.Layer(top, base):
                 return layers.Layer(self.tree(top, kind), self.tree(base, kind))
 
-    def judge(self, tree: Tree, v: Array, l: Array) -> _Part:  # noqa: E741  the field's own name
+    def judge(self, tree: Tree, v: Array, l: Array, cosine: float) -> _Part:  # noqa: E741  the field's own name
         """A tree's response to light from `l`, and what float32 may make of it: each lobe's own error, times what
-        the tree passes on of the lobe.
+        the tree passes on of the lobe. cosine: see `LightErrors`.
         """
         match tree:
             case Lobe(path=path):
                 if path not in self._judged:
                     self._judged[path] = self._leaf(tree, _Judged)
-                return self._judged[path].judge(v, l)
+                return self._judged[path].judge(v, l, cosine)
             case closure.Nothing(opaque):
                 return _Part.nothing(v, 0.0 if opaque else 1.0)
             case closure.Mix(fg, bg, amount):
                 share = scalar("amount", self._number(amount), 0.0, 1.0)
-                return self.judge(fg, v, l).mixed(self.judge(bg, v, l), share)
+                return self.judge(fg, v, l, cosine).mixed(self.judge(bg, v, l, cosine), share)
             case closure.Add(in1, in2):
-                return self.judge(in1, v, l).added(self.judge(in2, v, l))
+                return self.judge(in1, v, l, cosine).added(self.judge(in2, v, l, cosine))
             case closure.Multiply(in1, in2):
-                return self.judge(in1, v, l).times(_colour(np.clip(self._number(in2), 0.0, 1.0)))
+                return self.judge(in1, v, l, cosine).times(_colour(np.clip(self._number(in2), 0.0, 1.0)))
             case closure.Layer(top, base):
-                return self.judge(top, v, l).over(self.judge(base, v, l))
+                return self.judge(top, v, l, cosine).over(self.judge(base, v, l, cosine))
 
     def _number(self, port: Port) -> Array:
         return as_float32(self._resolve(port))
@@ -353,9 +358,10 @@ class _Judged(_Response):
         self._alpha: Array = np.ones(1) if self.lobe is None else _alpha(values).min(axis=-1)
         self._distribution = "ggx" if self.lobe is None else values["distribution"]
         self._relative = lobe_bounds(self._alpha, self._distribution)
+        self._reflectance = None if self.lobe is None else _reflectance(node, values)
         self._fresnel = fresnel_bounds(False if self.lobe is None else values["thinfilm_thickness"] > 0)
 
-    def judge(self, v: Array, l: Array) -> _Part:  # noqa: E741
+    def judge(self, v: Array, l: Array, cosine: float) -> _Part:  # noqa: E741
         view, light = self._local(v), self._local(l)
         scale = np.maximum(light[..., 2:], 0.0) * self.weight[..., None]
         value = self._value(view, light) * scale
@@ -367,20 +373,57 @@ class _Judged(_Response):
         if self.lobe is not None:
             through, unsure = self.lobe.throughput(view, light, self.weight), self.weight[..., None]
 
-        def allowed(relative: Array, beyond: Array, fresnel: Array) -> Array:
-            own = np.abs(value) * (growth * relative + beyond) + np.abs(white) * fresnel
+        of_light = cosine / np.maximum(light[..., 2:], cosine + 1e-12)
+
+        def allowed(relative: Array, beyond: Array, of_fresnel: Array, half_cosine: float) -> Array:
+            of_fresnel = of_fresnel + self._fresnel_change(view, light, half_cosine)
+            own = np.abs(value) * (growth * relative + beyond + of_light) + np.abs(white) * of_fresnel
+            own = own + self._albedo_error(view, light) * scale
             # What leaks is known to no more than the lobe is.
             return np.asarray(own + leak * (1.0 + relative))
 
         return _Part(
             value,
-            allowed(self._relative.max_rel, narrow.max_rel, self._fresnel.max_rel),
-            allowed(self._relative.p999_rel, narrow.p999_rel, self._fresnel.p999_rel),
+            allowed(self._relative.max_rel, narrow.max_rel, self._fresnel.max_rel, HALF_COSINE_MAX),
+            allowed(self._relative.p999_rel, narrow.p999_rel, self._fresnel.p999_rel, HALF_COSINE_P999),
             through,
             # The compensation takes a Fresnel factor times what of an albedo of at most 1 is missing.
             unsure * (THROUGH_MAX + self._fresnel.max_rel),
             unsure * (THROUGH_P999 + self._fresnel.p999_rel),
         )
+
+    def _fresnel_change(self, view: Array, light: Array, error: float) -> Array | float:
+        """By how much the Fresnel factor changes with the half angle's cosine, forward or retro, `(n, 3)`: without
+        bound at an angle of total reflection, or where a small exponent meets the mirror angle.
+        """
+        if self._reflectance is None:
+            return 0.0
+        across = np.sum(view[..., :2] * light[..., :2], axis=-1, keepdims=True)
+        along = view[..., 2:] * light[..., 2:]
+        most: Array = np.zeros(view.shape)
+        for sign in (1.0, -1.0):
+            cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across + along), 0.0, 1.0))
+            exact = self._reflectance(cosine)
+            for other in (cosine - error, cosine + error):
+                most = np.maximum(most, np.abs(self._reflectance(np.clip(other, 0.0, 1.0)) - exact))
+        return most
+
+    def _albedo_error(self, view: Array, light: Array) -> Array | float:
+        """Of what an energy-compensated Oren-Nayar puts back: a product of what two albedos lack of 1, and these are
+        as exact as the driver's arc cosine. Absolute, per cosine, `(n, 3)`.
+        """
+        if self.node != DIFFUSE_NODE or not self.values["energy_compensation"]:
+            return 0.0
+        color, roughness = as_float32(self.values["color"]), as_float32(self.values["roughness"])[..., None]
+        scale = 1.0 / (1.0 + diffuse.C1 * roughness)
+        average = scale * (1.0 + diffuse.C2 * roughness)
+        lost = np.maximum(1.0 - average, UNIT)
+        (lost_v, wrong_v), (lost_l, wrong_l) = (
+            _lost_albedo(np.clip(each[..., 2:], LEAKED_COSINE, 1.0), roughness) for each in (view, light)
+        )
+        back = color**2 * average / (1.0 - color * (1.0 - average)) / (np.pi * lost)
+        wrong = wrong_v * lost_l + lost_v * wrong_l + lost_v * lost_l * 2 * UNIT / lost
+        return np.asarray(back * wrong)
 
     def _leak(self, view: Array, light: Array) -> Array | float:
         """At most what MaterialX's own nodes let through of a light below the horizon, whose cosine they take for
@@ -394,6 +437,32 @@ class _Judged(_Response):
         grazing = across + np.array([0.0, 0.0, LEAKED_COSINE])
         value = self._value(view, grazing) if self._white is None else self._white.eval(view, grazing)
         return np.where(below, value * LEAKED_COSINE, 0.0) * self.weight[..., None]
+
+
+ARC_COSINE = 4096 * 2 * UNIT
+"""Relative error of an arc cosine: what Vulkan asks of the arc tangent that it may be made of."""
+
+
+def _lost_albedo(cosine: Array, roughness: Array) -> tuple[Array, Array]:
+    """What Fujii's albedo lacks of 1, and the error of that as MaterialX computes it, each `(n, 1)`."""
+    sine = np.sqrt(1.0 - cosine * cosine)
+    # MaterialX divides what is left of 1 - sin³ by the cosine.
+    geometry = sine * ARC_COSINE * np.arccos(cosine) + 2.0 / 3.0 * 2 * UNIT * sine / cosine
+    wrong = roughness / (1.0 + diffuse.C1 * roughness) * geometry / np.pi + 2 * UNIT
+    return np.maximum(1.0 - diffuse.fujii_albedo(cosine, roughness), 0.0), wrong
+
+
+def _reflectance(node: str, values: Mapping[str, Any]) -> Callable[[Array], Array]:
+    """The Fresnel factor `(n, 3)` or `(n, 1)` of a cosine `(n, 1)`, without a film."""
+    if node.endswith("conductor_bsdf"):
+        n, k = as_float32(values["ior"]), as_float32(values["extinction"])
+        return lambda cosine: fresnel.fresnel_conductor(cosine, n, k)
+    if node.endswith("dielectric_bsdf"):
+        eta = as_float32(values["ior"])[..., None]
+        return lambda cosine: fresnel.fresnel_dielectric(cosine, eta)
+    f0, f82, f90 = (np.maximum(as_float32(values[name]), 0.0) for name in ("color0", "color82", "color90"))
+    exponent = as_float32(values["exponent"])[..., None]
+    return lambda cosine: fresnel.fresnel_schlick(cosine, f0, f82, f90, exponent)
 
 
 class _Surrounded(_Response):

@@ -19,7 +19,8 @@ from mrm_nodes.commands.bench_regress import regress as bench_regress
 from mrm_nodes.commands.bench_regress import scale as bench_scale
 from mrm_nodes.commands.fit import fit
 from mrm_nodes.commands.material import material
-from mrm_nodes.commands.options import OWN_PROCESS, external_option, within_limits
+from mrm_nodes.commands.materials import materials
+from mrm_nodes.commands.options import OWN_PROCESS, external_option, material_argument, within_limits
 from mrm_nodes.commands.photometry import photometry
 from mrm_nodes.commands.regress import merge, regress
 from mrm_nodes.commands.render import render
@@ -128,6 +129,7 @@ def warmup() -> None:
 cli.add_command(baseline)
 cli.add_command(fit)
 cli.add_command(material)
+cli.add_command(materials)
 cli.add_command(photometry)
 cli.add_command(regress)
 cli.add_command(render)
@@ -137,7 +139,7 @@ cli.add_command(merge)
 
 
 @cli.command()
-@click.argument("file", type=Path)
+@material_argument
 @click.option("--target", help="glsl, essl, vulkan, wgsl, msl, slang, osl or mdl; every one if only checked.")
 @click.option("-o", "--output", "folder", type=Path, help="Folder for the shader's files.")
 @click.option("--element", help="Material to generate, where the file has several.")
@@ -170,7 +172,10 @@ def generate(
     strict: bool,
     allow_external: bool,
 ) -> int:
-    """Generate a material's shader code and print the files written, or check it with compilers."""
+    """Generate a material's shader code and print the files written, or check it with compilers.
+
+    MATERIAL is a .mtlx file, or a name that `mrm-nodes materials` lists; a file wins where it has such a name.
+    """
     from mrm_nodes import documents, shadergen
 
     if target is None and not check:
@@ -307,7 +312,7 @@ def uninstall(folder: Path) -> None:
 
 
 @cli.command()
-@click.argument("file", type=Path)
+@material_argument
 @click.option("-o", "--output", type=Path, required=True, help="Document to write.")
 @click.option(
     "--set",
@@ -322,6 +327,7 @@ def uninstall(folder: Path) -> None:
 def retrofit(file: Path, output: Path, settings: tuple[str, ...], allow_external: bool) -> None:
     """Make a document's surfaces retroreflective: OpenPBR, glTF and Standard Surface become ours.
 
+    MATERIAL is a .mtlx, .gltf or .glb file, or a name that `mrm-nodes materials` lists.
     A .gltf or .glb becomes a .mtlx, KHR_materials_retroreflection included; such a .mtlx becomes glTF again.
     """
     from mrm_nodes.surfaces.convert import convert

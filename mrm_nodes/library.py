@@ -17,6 +17,8 @@ from mrm_nodes import surfaces as retrofitted
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import ABANDONED, UNFINISHED, clear, reason
 from mrm_nodes.host import CLOSURE_TYPE, UPGRADE, Environment, Host, read_host
+from mrm_nodes.shipped import materials_path as materials_path
+from mrm_nodes.shipped import root_path as root_path
 
 # Before anything of it is used: what follows relies on it.
 if not hasattr(mx.Document, "setDataLibrary"):
@@ -34,15 +36,6 @@ _BLEND_GRAPHS = "mrm_ng.mtlx"
 _FORWARD_GRAPHS = "mrm_genosl_ng.mtlx"
 
 
-def root_path() -> Path:
-    """Return the folder that holds `mtlx` and `glsl`: the checkout, or the data of an installed wheel."""
-    package = Path(__file__).resolve().parent
-    for root in (package / "data", package.parent):
-        if (root / "mtlx" / "mrm").is_dir() and (root / "glsl").is_dir():
-            return root
-    raise MrmError(f"{package}: the node library (mtlx, glsl) is missing; reinstall mrm-nodes")
-
-
 def library_path(libraries: str | os.PathLike[str] | None = None) -> Path:
     """Return the folder to load as a MaterialX library; its node definitions find their GLSL from there.
 
@@ -50,11 +43,6 @@ def library_path(libraries: str | os.PathLike[str] | None = None) -> Path:
     Where that follows other rules than the newest release known, the folder is a copy made for it.
     """
     return _root_for(host(libraries)) / "mtlx" / "mrm"
-
-
-def materials_path() -> Path:
-    """Return the folder of the finished materials (.mtlx) that come with the package."""
-    return root_path() / "mtlx" / "materials"
 
 
 def search_path(libraries: str | os.PathLike[str] | None = None) -> mx.FileSearchPath:

@@ -17,7 +17,7 @@ from typing import Any
 import MaterialX as mx
 import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
-from mrm_nodes import external, filenames, library, mdl, units, values
+from mrm_nodes import external, filenames, library, mdl, shipped, units, values
 from mrm_nodes.documents import one_line, read_document
 from mrm_nodes.elements import check_document, find_renderable, used_by
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
@@ -131,7 +131,7 @@ def generate_shader(
     draws it.
 
     Args:
-        path_or_document: a .mtlx file or a document.
+        path_or_document: a .mtlx file, the name of a finished material (`traffic_cone`), or a document.
         target: one of `supported_targets()`.
         element: name path of a material, a shader or an output, as `my_material` or `my_graph/out`; needed
             where the document has several materials.
@@ -164,9 +164,10 @@ def generate_shader(
         if not document.hasDataLibrary() and document.getNodeDef("ND_conductor_bsdf") is None:
             document.setDataLibrary(library.shared_library(libraries))
     else:
-        document = read_document(path_or_document, libraries, allow_external)
-        where = os.fspath(path_or_document)
-        folder = filenames.folder_of(Path(path_or_document))
+        file = shipped.material_file(path_or_document)
+        document = read_document(file, libraries, allow_external)
+        where = str(file)
+        folder = filenames.folder_of(file)
     renderable = find_renderable(document, where, element)
     generator = generator_class.create()  # type: ignore[attr-defined]
     check_document(document, where, renderable, generator.getTarget())

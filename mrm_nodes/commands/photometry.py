@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mrm_nodes.commands.options import external_option, within_limits
+from mrm_nodes.commands.options import external_option, material_argument, within_limits
 from mrm_nodes.errors import MrmError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ POINTS, FEW_POINTS = 2048, 64
 
 
 @click.command()
-@click.argument("file", type=Path)
+@material_argument
 @click.option(
     "--class", "name", help="Class to check: RA2, ISO 20471, D4956 III, number plate, EN 1436 dry, ..."
 )
@@ -66,6 +66,7 @@ def photometry(
 ) -> int:
     """Print R_A (R_L and Q_d of road markings) of a material; status 1 if it is below a minimum of the class.
 
+    MATERIAL is a .mtlx file, or a name that `mrm-nodes materials` lists; a file wins where it has such a name.
     Design help, no certification: that takes a laboratory and the standard itself.
     """
     from mrm_nodes.files import prepare_folder

@@ -12,6 +12,7 @@ import click
 
 from mrm_nodes.commands.options import (
     external_option,
+    material_argument,
     parse_size,
     refuse_folder,
     say_what_is_of_pictures_only,
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("file", type=Path)
+@material_argument
 @click.option(
     "-o",
     "--output",
@@ -112,7 +113,10 @@ def render(
 ) -> None:
     """Render a material on a mesh.
 
+    MATERIAL is a .mtlx file, or a name that `mrm-nodes materials` lists; a file wins where it has such a name.
+
     \b
+    mrm-nodes render traffic_cone -o cone.png
     mrm-nodes render tape.mtlx -o tape.png --light camera
     mrm-nodes render tape.mtlx -o tape.exr -o tape.png --env sky.hdr
     mrm-nodes render tape.mtlx -o tape.png -o tape.webp --light-sweep 16

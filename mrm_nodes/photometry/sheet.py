@@ -20,6 +20,7 @@ from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of, lobe
 from mrm_nodes.regression.physics import Points, respond
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.shadergen import Shader, generate_shader
+from mrm_nodes.shipped import material_file
 
 Array = NDArray[np.float64]
 
@@ -35,14 +36,15 @@ def read_sheet(
     allow_external: bool = False,
     backend: str = "auto",
 ) -> Sheet:
-    """The sheet of a .mtlx file's material.
+    """The sheet of a .mtlx file's material, or of a finished one by its name.
 
     element: the material, where there are several. backend: `egl`, `osmesa` or `auto`, for what graphs drive.
 
     Raises:
         MrmError: as `read_document`; nothing to render, or several; it has a lobe that the evaluator does not know.
     """
-    return sheet_of(read_document(path, allow_external=allow_external), os.fspath(path), element, backend)
+    file = material_file(path)
+    return sheet_of(read_document(file, allow_external=allow_external), str(file), element, backend)
 
 
 def sheet_of(document: mx.Document, where: str, element: str | None = None, backend: str = "auto") -> Sheet:

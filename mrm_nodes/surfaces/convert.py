@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import ABANDONED, clear
+from mrm_nodes.shipped import material_file
 from mrm_nodes.surfaces.gltf import gltf_to_materialx, materialx_to_gltf
 from mrm_nodes.surfaces.rewrite import retrofit_file
 from mrm_nodes.surfaces.weights import Weight
@@ -24,13 +25,12 @@ def convert(
     """Write `source` with surfaces of ours to `target`, and return the names of what changed.
 
     .mtlx to .mtlx is `retrofit_file`, .gltf or .glb to .mtlx `gltf_to_materialx`, and back `materialx_to_gltf`.
+    source: a file, or a finished material by its name.
 
     Raises:
         MrmError: as theirs; also two glTF files, or weights on the way back to glTF.
     """
-    source, target = Path(source), Path(target)
-    if not source.is_file():
-        raise MrmError(f"{source}: no such file")
+    source, target = material_file(source), Path(target)
     from_gltf, to_gltf = (path.suffix.lower() in _GLTF for path in (source, target))
     if from_gltf and to_gltf:
         raise MrmError(f"{target}: both files are glTF; name one of them .mtlx")

@@ -31,7 +31,10 @@ def materials(name: str | None) -> None:
     from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
     from mrm_nodes.render.mesh import BUILT_IN
 
-    _list(f"materials, in {shipped.materials_path()}", {each: shipped.about(file) for each, file in known.items()})
+    _list(
+        f"materials, in {shipped.materials_path()}",
+        {each: shipped.about(file) for each, file in known.items()},
+    )
     _list("meshes, for --mesh", _described(BUILT_IN))
     _list("environments, for --env", _described(BUILT_IN_ENVIRONMENTS))
 

@@ -11,30 +11,26 @@ from pathlib import Path
 from typing import Any
 
 import click
-import click.shell_completion
+from click.shell_completion import CompletionItem
 
 from mrm_nodes import shipped
 from mrm_nodes.errors import MrmError, MrmWarning
 
 
-class _Material(click.ParamType):
-    """A document, or a finished material by its name."""
-
-    name = "material"
-
-    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Path:
-        return shipped.material_file(value)
-
-    def shell_complete(
-        self, context: click.Context, parameter: click.Parameter, incomplete: str
-    ) -> list[click.shell_completion.CompletionItem]:
-        names = [each for each in shipped.materials() if each.startswith(incomplete)]
-        item = click.shell_completion.CompletionItem
-        # The shell completes files where nothing else comes.
-        return [item(incomplete, type="file"), *map(item, names)]
+def _completed_material(
+    context: click.Context, parameter: click.Parameter, incomplete: str
+) -> list[CompletionItem]:
+    names = [each for each in shipped.materials() if each.startswith(incomplete)]
+    # The shell completes files where nothing else comes.
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]
 
 
-material_argument = click.argument("file", type=_Material(), metavar="MATERIAL")
+material_argument = click.argument(
+    "file",
+    metavar="MATERIAL",
+    callback=lambda context, parameter, value: shipped.material_file(value),
+    shell_complete=_completed_material,
+)
 """A .mtlx file or a name that `mrm-nodes materials` lists; a file wins where it has such a name."""
 
 external_option = click.option(

@@ -46,17 +46,25 @@ class Shader:
     """A generated shader: source text per stage, and MaterialX's own object for whoever binds its inputs."""
 
     name: str
+    """Of the function that it is generated as."""
     target: str
+    """One of `supported_targets()`."""
     vertex: str
+    """Source text of the vertex stage; empty where the target has none."""
     pixel: str
-    mx: Any  # MaterialX.PyMaterialXGenShader.Shader
-    document: mx.Document  # the shader's uniforms refer to its elements
-    search_path: tuple[Path, ...]  # folders in which textures are looked for, in this order
-    spaces: Mapping[str, str] = field(default_factory=dict)  # by path of an input: see values.Settled
-    sampling: Mapping[str, Any] = field(default_factory=dict)  # how images are read, where no uniform says it
-    renamed: Mapping[str, str] = field(
-        default_factory=dict
-    )  # by path of a node as given: its path in `document`
+    """Source text of the pixel stage."""
+    mx: Any
+    """`MaterialX.PyMaterialXGenShader.Shader`."""
+    document: mx.Document
+    """What the shader's uniforms refer to."""
+    search_path: tuple[Path, ...]
+    """Folders in which textures are looked for, in this order."""
+    spaces: Mapping[str, str] = field(default_factory=dict)
+    """Colour spaces by the path of an input: see `values.Settled`."""
+    sampling: Mapping[str, Any] = field(default_factory=dict)
+    """How images are read, where no uniform says it."""
+    renamed: Mapping[str, str] = field(default_factory=dict)
+    """By the path of a node as given: its path in `document`."""
 
     def element_at(self, path: str) -> mx.Element | None:
         """The element of `document` that stands for a node or an input, by its path in the document as given."""

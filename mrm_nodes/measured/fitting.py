@@ -40,7 +40,9 @@ class Fit:
     """The model that comes nearest to a measurement."""
 
     model: str
+    """One of `MODELS`."""
     parameters: dict[str, float]
+    """What was fitted, by name."""
     deviations: dict[str, float]
     """Standard deviations of the parameters, from the residuals as they are; infinite where nothing is known."""
     unidentified: tuple[str, ...]
@@ -54,6 +56,7 @@ class Fit:
     drawn_from: int
     """How many there are of which these were drawn at random; as many, unless there are more than `MOST`."""
     bsdf: Retroreflector
+    """What has `eval(v, l)`, f in 1/sr."""
 
     @property
     def rmse(self) -> float:
@@ -68,12 +71,14 @@ class Fit:
     def markup(self, name: str = "", doc: str = "") -> str:
         """The fit as the text of a MaterialX document.
 
-        doc: what to say of it; what was fitted, and how well, goes before.
+        Args:
+            name: of the material; by default the sample's.
+            doc: what to say of it; what was fitted, and how well, goes before.
         """
         return self.bsdf.markup(name or self._name(), self._said(doc))
 
     def document(self, name: str = "", doc: str = "") -> Any:
-        """The fit as a MaterialX document of today's nodes."""
+        """The fit as a MaterialX document of today's nodes; name and doc as in `markup`."""
         return self.bsdf.document(name or self._name(), self._said(doc))
 
     def peaks(self) -> dict[float, float]:
@@ -113,7 +118,10 @@ def fit(
 ) -> Fit:
     """Fit a model to a measurement.
 
-    start: values to start from instead of the usual ones, of some parameters or all.
+    Args:
+        measurement: n samples.
+        model: one of `MODELS`.
+        start: values to start from instead of the usual ones, of some parameters or all.
 
     Raises:
         MrmError: no such model, no fewer parameters than samples, or channels other than one or three.
@@ -176,6 +184,12 @@ def folds(
 ) -> float:
     """The RMSE of samples that were not fitted: each fifth of them, drawn at random, by a fit to the others.
 
+    Args:
+        measurement: the whole of it; what is left out is of the samples that were fitted.
+        found: a fit to it.
+        count: parts that are left out in turn.
+        progress: called after each.
+
     Raises:
         MrmError: too few samples are left.
     """
@@ -195,10 +209,14 @@ def leave_angles_out(
 ) -> dict[float, float]:
     """For each angle of the light, the RMSE of its samples by a fit to the others; empty where there is one angle.
 
-    angles: those to leave out, each alone; by default all.
+    Args:
+        measurement: the whole of it; what is left out is of the samples that were fitted.
+        found: a fit to it.
+        angles: those to leave out, each alone, in degrees; by default all.
+        progress: called after each.
 
     Raises:
-        MrmError: as `angles_to_leave_out`; too few samples are left.
+        MrmError: an angle that the light does not have; too few samples are left.
     """
     fitted = found.measurement
     chosen = angles_to_leave_out(fitted, angles)

@@ -20,10 +20,14 @@ NEIGHBOURS = 6
 
 @dataclass(frozen=True)
 class Measurement:
-    """n samples of f(v, l) in 1/sr, without a cosine.
+    """n samples of f(v, l) in 1/sr, without a cosine. Samples that lie below the horizon are not part of it.
 
-    v, l : (n, 3) unit directions to the viewer and the light; the normal is +z. value : (n, k), a column for each of
-    `channels`. Samples that lie below the horizon are not part of it.
+    Args:
+        v: (n, 3), unit directions to the viewer; the normal is +z.
+        l: (n, 3), to the light.
+        value: (n, k), a column for each of `channels`.
+        channels: their names, such as `R`, `G`, `B` or `555 nm`.
+        sample: what was measured.
 
     Raises:
         MrmError: the shapes do not fit, no sample is left, or a value is negative or no number.
@@ -86,7 +90,7 @@ class Measurement:
         return [float(each) for each in angles[shared]] if is_series else []
 
     def at_light(self, degrees: float) -> NDArray[np.bool_]:
-        """(n) which samples have the light at one of `light_angles`."""
+        """(n) which samples have the light at one of `light_angles`, in degrees."""
         return np.asarray(np.abs(np.degrees(self.theta_l) - degrees) < 0.0501)
 
     def pick(self, channels: Sequence[str]) -> Measurement:
@@ -114,9 +118,10 @@ class Measurement:
             )
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741  the field's own name
-        """f at other directions, (..., 3), one channel three times: an isotropic table, between its samples.
+        """f in 1/sr at other directions v and l, (..., 3), one channel three times.
 
-        The weighted mean of the logarithms of the nearest ones; nothing is known of what lies far from them all.
+        An isotropic table, between its samples: the weighted mean of the logarithms of the nearest ones; nothing is
+        known of what lies far from them all.
 
         Raises:
             MrmError: channels other than one or three.
@@ -126,7 +131,7 @@ class Measurement:
         return np.broadcast_to(value, (*value.shape[:-1], 3)).copy() if value.shape[-1] == 1 else value
 
     def resampled(self, v: ArrayLike, l: ArrayLike) -> Measurement:  # noqa: E741
-        """The measurement at other directions, (n, 3)."""
+        """The measurement at other directions v and l, (n, 3)."""
         view, light = np.broadcast_arrays(np.asarray(v, np.float64), np.asarray(l, np.float64))
         return replace(self, v=view.copy(), l=light.copy(), value=self._between(view, light))
 

@@ -14,8 +14,10 @@ from mrm_nodes.measured.measurement import Measurement
 def read(path: str | os.PathLike[str], cosine: str | None = None) -> Measurement:
     """The samples of a file: ALTA .dat, MERL .binary, RGL .bsdf, ASTM E1392, OpenMATERIAL .xompt, or CSV.
 
-    cosine: what an ALTA file's values are multiplied by, "none", "view" or "light"; by default reciprocity and the
-        header say it. The other formats have plain f.
+    Args:
+        path: of the file; its ending says what it is.
+        cosine: what an ALTA file's values are multiplied by, "none", "view" or "light"; by default reciprocity and the
+            header say it. The other formats have plain f.
 
     Raises:
         MrmError: it cannot be read, is none of these, or is not whole.

@@ -127,6 +127,12 @@ def write_xompt(
     Isotropic: of azimuths it has the difference. A channel that is no wavelength ("555 nm") gets one of
     `WAVELENGTHS`, and `sources` says so.
 
+    Args:
+        path: of the file.
+        measurement: n samples.
+        name: of the material.
+        sources: where its values are from, in words.
+
     Raises:
         MrmError: a channel without a wavelength, or the file cannot be written.
     """

@@ -45,11 +45,15 @@ class Requirement:
     """The least, and where there is one the greatest, value of a quantity in one geometry."""
 
     quantity: Quantity
+    """R_A in cd/(lx m²); R_L or Q_d in mcd/(lx m²)."""
     minimum: float
+    """In the quantity's unit."""
     maximum: float | None = None
+    """Likewise."""
     observation: float | None = None
-    """Degrees, as beta1; None for Q_d, which has none."""
+    """Degrees; None for Q_d, which has none."""
     beta1: float | None = None
+    """The entrance angle in degrees; None for Q_d."""
 
     @property
     def geometry(self) -> str:
@@ -64,15 +68,20 @@ class RetroClass:
     """A class of a standard: what it asks for, by colour."""
 
     name: str
+    """As `find_class` takes it."""
     aliases: tuple[str, ...]
+    """Other names that it is known by."""
     title: str
+    """What it is."""
     standing: Literal["law", "secondary"]
     """Whether a law or regulation prints the values, or somebody who reports a standard."""
     source: str
+    """Where the values were read."""
     requirements: Mapping[str, tuple[Requirement, ...]]
+    """What is asked, by colour."""
 
     def resolve(self, colour: str | None) -> str:
-        """The name of a colour, however it is spelt; a class of a single one, or of any, need not be told.
+        """The class's name of a colour, however it is spelt; a class of a single one, or of any, need not be told.
 
         Raises:
             MrmError: the class has no such colour, or several.
@@ -104,10 +113,13 @@ class Row:
     """What a material has where a class asks for something; of a sheet with a pattern, the mean is what counts."""
 
     requirement: Requirement
+    """What is asked."""
     value: float
     """In the requirement's unit, under illuminant A."""
     least: float
+    """The least of several points' values."""
     most: float
+    """The greatest."""
 
     @property
     def margin(self) -> float:
@@ -142,8 +154,11 @@ def find_class(name: str) -> RetroClass:
 def check(bsdf: Scatterer, name: str, colour: str | None = None) -> list[Row]:
     """What a BSDF has in each geometry of a class.
 
-    bsdf: as in `coefficients`; of one that has several points, such as a material's, their mean counts, as in an
-    instrument that sees more than a bead.
+    Args:
+        bsdf: as in `retroreflection`; of one that has several points, such as a material's, their mean counts, as in an
+            instrument that sees more than a bead.
+        name: of the class.
+        colour: where the class has several.
 
     Raises:
         MrmError: no such class, or colour of it.

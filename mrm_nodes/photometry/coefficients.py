@@ -38,6 +38,13 @@ def retroreflection(
 
     Luminous intensity per area of the sheet and illuminance on a plane that faces the source (ASTM E808).
 
+    Args:
+        bsdf: what has `eval(v, l)`: f in 1/sr without the cosine, (..., 3) or, of one channel, (...).
+        observation: angle between receiver and source, in degrees: (...).
+        beta1: first component of the entrance angle, in degrees: (...).
+        beta2: second component, in degrees: (...).
+        rotation: of the sheet about its normal, in degrees: (...).
+
     Raises:
         MrmError: as `directions`.
     """
@@ -55,7 +62,7 @@ def luminance_coefficient(
     """The coefficient of retroreflected luminance R_L in cd/(lx m²), (..., 3): f cosβ_l, which is R_A / cosβ_v.
 
     Luminance per illuminance on a plane that faces the source; by default of a road, as its driver sees it 30 m
-    ahead. Tables of road markings have mcd/(lx m²): a thousand times this.
+    ahead. Tables of road markings have mcd/(lx m²): a thousand times this. Arguments as for `retroreflection`.
 
     Raises:
         MrmError: as `directions`.
@@ -67,8 +74,12 @@ def luminance_coefficient(
 def diffuse_luminance(bsdf: Scatterer, elevation: float = ROAD_ELEVATION) -> Array:
     """The luminance coefficient under diffuse light Q_d in cd/(lx m²), (3,) or (n, 3): ∫ f cosθ_l dω_l / π.
 
-    Luminance towards an eye so many degrees above the road per illuminance of the road by an even sky, by
-    quadrature. Tables of road markings have mcd/(lx m²): a thousand times this.
+    Luminance towards an eye per illuminance of the road by an even sky, by quadrature. Tables of road markings have
+    mcd/(lx m²): a thousand times this.
+
+    Args:
+        bsdf: as in `retroreflection`.
+        elevation: of the eye above the road, in degrees.
 
     Raises:
         MrmError: an elevation outside of 0 to 90.
@@ -94,7 +105,11 @@ def total_retroreflectance(
 ) -> Array:
     """The share R_T of the light on the sheet that comes back within an observation angle, ∫ R_A / cosβ_l dω_v.
 
-    By quadrature over the cone about the source; (3,) or (n, 3). Source: ASTM E808.
+    By quadrature over the cone about the source; (3,) or (n, 3). Source: ASTM E808. The others as for
+    `retroreflection`.
+
+    Args:
+        max_observation: half the angle of that cone, in degrees.
 
     Raises:
         MrmError: an observation angle outside of 0 to 180; as `directions`.
@@ -117,6 +132,7 @@ def half_width(bsdf: Scatterer, beta1: float = 5.0, beta2: float = 0.0) -> float
     """The observation angle in degrees at which the luminance of R_A under illuminant A is half of that at 0.
 
     Of several points their mean. NaN where there is none within 60°: nothing comes back, or as much everywhere.
+    Arguments as for `retroreflection`.
 
     Raises:
         MrmError: as `directions`.

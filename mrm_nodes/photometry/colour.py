@@ -29,9 +29,11 @@ _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389
 
 
 def luminance(value: ArrayLike, illuminant: Illuminant = "A") -> Array:
-    """The luminous part of a BSDF, R_A, R_L or Q_d in linear Rec.709 under D65, (..., 3): shape (...).
+    """The luminous part of a colour: shape (...), in the colour's unit.
 
-    illuminant: `A` is what sheeting is measured under, a headlamp; `D65` is daylight.
+    Args:
+        value: a BSDF, R_A, R_L or Q_d in linear Rec.709 under D65: (..., 3).
+        illuminant: `A` is what sheeting is measured under, a headlamp; `D65` is daylight.
 
     Raises:
         MrmError: another illuminant.
@@ -43,10 +45,10 @@ def luminance(value: ArrayLike, illuminant: Illuminant = "A") -> Array:
 
 
 def night_chromaticity(value: ArrayLike) -> Array:
-    """CIE 1931 x, y under illuminant A of a colour in linear Rec.709 under D65, (..., 3): shape (..., 2).
+    """CIE 1931 x, y under illuminant A of a colour: shape (..., 2).
 
-    Bradford's adaptation from D65 to A. Three numbers are no spectrum: for yellow, orange and red it is right to
-    0.006 in x and y, for blue to 0.02, for green to 0.05. NaN for black.
+    value is linear Rec.709 under D65, (..., 3). Bradford's adaptation from D65 to A. Three numbers are no spectrum: for
+    yellow, orange and red it is right to 0.006 in x and y, for blue to 0.02, for green to 0.05. NaN for black.
     """
     to_cones = _CONES @ _XYZ
     scale = (_CONES @ _WHITE_A) / to_cones.sum(axis=-1)

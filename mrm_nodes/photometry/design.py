@@ -41,10 +41,15 @@ class Design:
     """A retroreflector made for a class, and what it has in each of its geometries."""
 
     retro_class: RetroClass
+    """What it was made for."""
     colour: str
+    """The name of its colour in the class."""
     margin: float
+    """By which share of each minimum its values are above it, at least."""
     bsdf: Retroreflector
+    """What has `eval(v, l)`, f in 1/sr."""
     rows: list[Row]
+    """What it has in each geometry."""
 
     @property
     def rms(self) -> float:
@@ -65,7 +70,10 @@ def material_for(name: str, colour: str | None = None, margin: float = 0.0) -> D
     answer. Of a road's paint the reflectance or the film's colour is chosen. The excess is the root of the mean
     square of ln(value / minimum).
 
-    margin: by which share of each minimum the values are above it.
+    Args:
+        name: of the class.
+        colour: where the class has several.
+        margin: by which share of each minimum the values are above it, 0 to 10.
 
     Raises:
         MrmError: no such class, colour, or margin; no such sheet, as with a margin that is above what a class allows.

@@ -29,12 +29,18 @@ _LEAST_COSINE = 1e-12
 def directions(
     observation: ArrayLike, beta1: ArrayLike, beta2: ArrayLike = 0.0, rotation: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """Directions v to the receiver and l to the source, each (..., 3), of a goniometer's angles in degrees, (...).
+    """Directions v to the receiver and l to the source, each (..., 3), of a goniometer's angles.
 
     The source stands at +z of the laboratory, the receiver at (0, sin, cos) of the observation angle. The sheet is
     turned by Rx(-beta1) Ry(beta2) Rz(rotation): the cosine of the entrance angle is cos(beta1) cos(beta2), and a
     positive beta1 has the normal on the receiver's side. Source: CIE 54 and ASTM E808, whose signs of beta2 and
     rotation could not be confirmed; a lobe that is the same all around does not know them.
+
+    Args:
+        observation: angle between receiver and source, in degrees: (...).
+        beta1: first component of the entrance angle, in degrees: (...).
+        beta2: second component, in degrees: (...).
+        rotation: of the sheet about its normal, in degrees: (...).
 
     Raises:
         MrmError: an angle that is no number, or at which source or receiver does not see the front of the sheet.

@@ -38,7 +38,11 @@ def read_sheet(
 ) -> Sheet:
     """The sheet of a .mtlx file's material, or of a finished one by its name.
 
-    element: the material, where there are several. backend: `egl`, `osmesa` or `auto`, for what graphs drive.
+    Args:
+        path: of the file.
+        element: the material, where there are several.
+        allow_external: whether it may read files outside of its folder and the node libraries.
+        backend: `egl`, `osmesa` or `auto`, for what graphs drive.
 
     Raises:
         MrmError: as `read_document`; nothing to render, or several; it has a lobe that the evaluator does not know.
@@ -72,8 +76,11 @@ class Sheet:
     """
 
     where: str
+    """The file that it was read from."""
     closure: Closure
+    """Its lobes, and what drives their inputs."""
     backend: str = "auto"
+    """OpenGL for what graphs drive: `egl`, `osmesa` or `auto`."""
     _shaders: dict[str, Shader] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -102,13 +109,13 @@ class Sheet:
         )
 
     def shader(self, element: str) -> Shader:
-        """The shader that shows what drives an input."""
+        """The shader that shows what drives an input, by the path of the element that drives it."""
         if element not in self._shaders:
             self._shaders[element] = generate_shader(self.closure.document, element=element)
         return self._shaders[element]
 
     def at(self, uv: ArrayLike = (0.5, 0.5)) -> SheetPoints:
-        """What has `eval(v, l)` at texture coordinates, (..., 2), that broadcast with the directions.
+        """What has `eval(v, l)` at texture coordinates uv, (..., 2), that broadcast with the directions.
 
         Raises:
             MrmError: the material is not opaque there; OpenGL is needed and not there.
@@ -123,12 +130,14 @@ class SheetPoints:
     """Some points of a sheet."""
 
     sheet: Sheet
+    """What they are on."""
     uv: Array
+    """(..., 2), texture coordinates."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741  the field's own name
         """f(v, l) in 1/sr without the cosine, (..., 3), in the frame of the sheet: u along +x, the normal +z.
 
-        0 where source or receiver is behind the sheet.
+        v and l are (..., 3), unit vectors to receiver and source. 0 where source or receiver is behind the sheet.
 
         Raises:
             MrmError: what a graph gives is not finite, or the evaluator has no model of it.

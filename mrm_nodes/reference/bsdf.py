@@ -3,6 +3,8 @@
 A lobe is a small value class: what it is made of, already checked, and four questions (`eval`, `pdf`,
 `sample`, `albedo`). The work is done by the compiled passes of `kernels`."""
 
+from __future__ import annotations
+
 import functools
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -36,26 +38,31 @@ from .quadrature import quadrature_nodes
 
 
 class BsdfSample(NamedTuple):
-    """What `sample` drew.
-
-    l : (..., 3) unit directions. weight : (..., 3), f |l.n| / pdf. pdf : (...) per steradian; for a delta,
-    the probability with which it was chosen. delta : (...) whether l is the only direction that it could
-    have been. A rejected sample has weight 0 and pdf 0."""
+    """What `Lobe.sample` drew (Portsmouth et al. 2026, Section 4). A rejected sample has weight 0 and pdf 0."""
 
     l: Array  # noqa: E741
+    """(..., 3) unit directions."""
     weight: Array
+    """(..., 3), f |l.n| / pdf."""
     pdf: Array
+    """(...) per steradian; for a delta, the probability with which it was chosen."""
     delta: NDArray[np.bool_]
+    """(...) whether l is the only direction that it could have been."""
 
 
 class Lobe:
-    """What the three lobes share: one reflection lobe, one transmission lobe, each forward, retro or a blend.
+    """What `Conductor`, `Dielectric` and `GeneralizedSchlick` share; it is not made by itself.
 
-    Every parameter is a number or an array: scalars `(...)`, colours `(..., 3)`, `alpha` a number, a pair
-    or `(..., 2)`; all broadcast with the directions. Directions are unit vectors away from the surface, in
-    a frame whose normal is +z and whose tangent is +x. Phong's masking is the V-cavities' whatever `masking` says;
-    its Smith masking is that of `Phong`. Sources: "The Minimal Retroreflective Microfacet
-    Model" (001) and Heitz 2014."""
+    One reflection lobe, one transmission lobe, each forward, retro or a blend. Parameters, which are those of
+    `Conductor`, broadcast with the directions. Directions are unit vectors away from the surface, (..., 3), in a
+    frame whose normal is +z and whose tangent is +x. Sources: Portsmouth et al. 2026, "The Minimal Retroreflective
+    Microfacet Model", eqs. 1 to 18, and Heitz 2014, "Understanding the Masking-Shadowing Function in
+    Microfacet-Based BRDFs".
+
+    Raises:
+        ValueError: a parameter outside its range, names that are not known or do not go together, or shapes that do
+            not broadcast.
+    """
 
     def __init__(
         self,
@@ -169,11 +176,18 @@ class Lobe:
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         """The scattering function f(v, l) in 1/sr, without the cosine: shape (..., 3).
 
-        Eq. 1 and 2 of 001, with v' for v in the retro share (eq. 10). v.z > 0 is seen from outside (index
-        1), v.z < 0 from inside (index `ior`); l on the other side than v gives the transmitted radiance's
-        function, which is zero where `scatter_mode` has none and where the index is 1 (a delta, which
-        `sample` and `albedo` know). `ValueError` for directions whose length is not 1 to 1e-6, and for
-        shapes that do not broadcast."""
+        Portsmouth et al. 2026, eqs. 1 and 2, with v' for v in the retro share (eq. 10). v.z > 0 is seen from
+        outside (index 1), v.z < 0 from inside (index `ior`); l on the other side than v gives the transmitted
+        radiance's function, which is zero where `scatter_mode` has none and where the index is 1 (a delta, which
+        `sample` and `albedo` know).
+
+        Args:
+            v: (..., 3), where the light goes.
+            l: (..., 3), where it comes from.
+
+        Raises:
+            ValueError: a direction whose length is not 1 to 1e-6, or shapes that do not broadcast.
+        """
         view, light = directions("v", v), directions("l", l)
         (result,), rejected = self._run(kernels.EVALUATE, view, light, [3])
         if rejected:
@@ -188,9 +202,10 @@ class Lobe:
         return polar_png(self)
 
     def pdf(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
-        """The density per steradian with which `sample(v, u)` draws l: shape (...). Errors as in `eval`.
+        """The density per steradian with which `sample(v, u)` draws l: shape (...).
 
-        001 Section 4; in transmission its eq. 5 with ηl², as differentiation with respect to l gives it.
+        Portsmouth et al. 2026, Section 4; in transmission its eq. 5 with ηl², as differentiation with respect to l
+        gives it. Arguments and errors as in `eval`.
         """
         view, light = directions("v", v), directions("l", l)
         (result,), rejected = self._run(kernels.DENSITY, view, light, [1])
@@ -200,11 +215,19 @@ class Lobe:
         return result[..., 0]
 
     def sample(self, v: ArrayLike, u: ArrayLike) -> BsdfSample:
-        """Draw a direction l for each v from uniforms u in [0, 1), shape (..., 3).
+        """Draw a direction l for each v.
 
-        Visible normals (Heitz and d'Eon 2014) are reflected or refracted by Fresnel's law; a blend turns
-        the result about the normal with probability `retroreflectivity`, and `pdf` is the mixture's (001
-        Section 4)."""
+        Visible normals (Heitz and d'Eon 2014) are reflected or refracted by Fresnel's law; a blend turns the result
+        about the normal with probability `retroreflectivity`, and `pdf` is the mixture's (Portsmouth et al. 2026,
+        Section 4).
+
+        Args:
+            v: (..., 3), as in `eval`.
+            u: (..., 3), uniforms in [0, 1).
+
+        Raises:
+            ValueError: a direction that is none, a number outside of [0, 1], or shapes that do not broadcast.
+        """
         view = directions("v", v)
         uniforms = directions("u", u)
         if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
@@ -222,7 +245,8 @@ class Lobe:
         """Directional albedo as energy, reflected and transmitted together: shape (..., 3).
 
         The average of F G2 / G1 over visible normals by quadrature. Forward and retro lobes have the same
-        (001 eq. 18). A delta (index 1) is counted. `ValueError` as in `eval`."""
+        (Portsmouth et al. 2026, eq. 18). A delta (index 1) is counted. Errors as in `eval`, v too: (..., 3).
+        """
         view = directions("v", v)
         (parts,), rejected = self._run(kernels.INTEGRATE, view, np.zeros(3), [3], quadrature_nodes())
         if rejected:
@@ -244,8 +268,16 @@ class Lobe:
         1 - weight * directional albedo, the albedo being MaterialX's split-sum fit F0 A + F90 B times the
         factor of its energy compensation. That factor takes F at v.h of each lobe for a light l, and at v.n
         without one (environments) up to 1.39.5; the lobes of a blend are mixed linearly. A conductor lets
-        nothing through, a lobe without reflection everything. `ValueError` for the compensations that
-        MaterialX does not have."""
+        nothing through, a lobe without reflection everything.
+
+        Args:
+            v: (..., 3), as in `eval`.
+            l: (..., 3), the light's direction, or None.
+            weight: (...), the node's, at least 0.
+
+        Raises:
+            ValueError: a compensation that MaterialX does not have; as `eval`.
+        """
         view = directions("v", v)
         shape = np.broadcast_shapes(view.shape[:-1], self._shape)
         amount = scalar("weight", weight, 0.0)
@@ -291,8 +323,27 @@ class Lobe:
 class Conductor(Lobe):
     """A conductor: reflection only, opaque from inside.
 
-    `ior` > 0 and `extinction` >= 0 are the complex index relative to the outside, a number or (..., 3).
-    `ValueError` names the argument that makes no sense."""
+    Portsmouth et al. 2026, eqs. 1 and 10, blended as in Section 4, with the Fresnel reflectance of `fresnel_conductor`.
+
+    Args:
+        ior: real part of the complex index relative to the outside, above 0: a number or (..., 3).
+        extinction: its imaginary part, at least 0: a number or (..., 3).
+        alpha: microfacet width, above 0: a number, a pair along tangent and bitangent, or (..., 2). It is the square
+            of a perceptual roughness.
+        retroreflectivity: share of the lobe that returns to the light, 0 to 1: (...).
+        distribution: `ggx`, `beckmann`, `beckmann-rational` (Walter's fit of its masking) or `phong`.
+        masking: `smith` or `vcavity` (`cook-torrance` is its other name); phong always has the V-cavities', and its
+            Smith masking is that of `Phong`. `implicit`, `schlick-smith` and `kelemen` belong to no microsurface.
+        correlation: of Smith's masking and shadowing: `height`, `separable`, `direction` or `height_direction`.
+        energy_compensation: None, `materialx-1.39.5`, `materialx-1.39.6`, `turquin` or `kulla-conty`.
+        thinfilm_thickness: in nm, at least 0; 0 for none: (...).
+        thinfilm_ior: index of the film, above 0: (...).
+        slope_correlation: of the slopes along tangent and bitangent, within ±0.9999 (Heitz 2014, eq. 88): (...).
+        mean_slope: slope of the mesosurface (Heitz 2014, eq. 94): (..., 2).
+
+    Raises:
+        ValueError: names the argument that makes no sense.
+    """
 
     def __init__(
         self,
@@ -321,11 +372,20 @@ class Conductor(Lobe):
 
 
 class Dielectric(Lobe):
-    """A dielectric interface of index `ior` > 0 inside, 1 outside: reflection ("R"), transmission ("T") or
-    both ("RT").
+    """A dielectric interface: reflection, transmission or both.
 
-    `tint` (>= 0, a number or (..., 3)) multiplies both lobes, as in MaterialX. `retro_transmission` turns the
-    transmission lobe as well; off is the advice of 001, Section 5.
+    Portsmouth et al. 2026, eqs. 1, 2 and 10, blended as in Section 4, with the Fresnel reflectance of `fresnel_dielectric`.
+    Parameters that are not listed are as for `Conductor`.
+
+    Args:
+        ior: index inside, above 0; outside it is 1: (...).
+        tint: multiplies both lobes, at least 0, as in MaterialX: a number or (..., 3).
+        scatter_mode: `R`, `T` or `RT`.
+        retro_transmission: whether `retroreflectivity` turns the transmission lobe as well; off is the advice of
+            Portsmouth et al. 2026, Section 5.
+
+    Raises:
+        ValueError: names the argument that makes no sense.
     """
 
     def __init__(
@@ -355,10 +415,21 @@ class Dielectric(Lobe):
 
 
 class GeneralizedSchlick(Lobe):
-    """A lobe with Schlick's reflectance from `color0` to `color90`, tinted by `color82` at 82 degrees.
+    """A lobe with Schlick's reflectance.
 
-    Colours are >= 0, numbers or (..., 3); `exponent` >= 0. Transmission refracts with the index that
-    MaterialX derives from the mean of `color0`."""
+    Portsmouth et al. 2026, eqs. 1, 2 and 10, blended as in Section 4, with the reflectance of `fresnel_schlick`. Transmission
+    refracts with the index that MaterialX derives from the mean of `color0`. Parameters that are not listed are as
+    for `Dielectric`.
+
+    Args:
+        color0: reflectance at normal incidence, at least 0: a number or (..., 3).
+        color82: its tint at 82 degrees, likewise: a number or (..., 3).
+        color90: reflectance at grazing incidence, likewise: a number or (..., 3).
+        exponent: of the curve, at least 0: (...).
+
+    Raises:
+        ValueError: names the argument that makes no sense.
+    """
 
     def __init__(
         self,

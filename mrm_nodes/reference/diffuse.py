@@ -1,5 +1,7 @@
 """Diffuse reflection: Lambert, EON, MaterialX's Oren-Nayar, and microfacets that are diffuse themselves."""
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -13,7 +15,18 @@ C2 = 2.0 / 3.0 - 28.0 / (15.0 * np.pi)
 
 
 def lambert(albedo: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
-    """Lambert's f = albedo / π where both directions are above the surface, else 0: shape (..., 3)."""
+    """Lambert's f = albedo / π in 1/sr where both directions are above the surface, else 0: shape (..., 3).
+
+    Source: Pharr, Jakob and Humphreys 2023, Physically Based Rendering, section 9.2.
+
+    Args:
+        albedo: 0 to 1: a number or (..., 3).
+        v: (..., 3), unit vectors to the viewer, in a frame whose normal is +z.
+        l: (..., 3), to the light.
+
+    Raises:
+        ValueError: an albedo or a direction that is none, or shapes that do not broadcast.
+    """
     rho = colour("albedo", albedo, 0.0, 1.0)
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)
@@ -38,10 +51,18 @@ def fujii_albedo(cosine: ArrayLike, roughness: ArrayLike) -> Array:
 def eon(albedo: ArrayLike, roughness: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
     """The energy-preserving Oren-Nayar BRDF in 1/sr, without the cosine: shape (..., 3).
 
-    `albedo` in [0, 1], a number or (..., 3), is that of a facet; `roughness` in [0, 1]. Directions are unit
-    vectors in a frame whose normal is +z; zero unless both are above it. `ValueError` outside these ranges.
-    Source: Portsmouth, Kutz and Hill 2025, "EON: a practical energy-preserving rough diffuse BRDF", with
-    its exact albedo."""
+    Zero unless both directions are above the surface. Source: Portsmouth, Kutz and Hill 2025, "EON: a practical
+    energy-preserving rough diffuse BRDF", with its exact albedo (eq. 14).
+
+    Args:
+        albedo: a facet's, 0 to 1: a number or (..., 3).
+        roughness: 0 to 1: (...).
+        v: (..., 3), unit vectors to the viewer, in a frame whose normal is +z.
+        l: (..., 3), to the light.
+
+    Raises:
+        ValueError: an argument outside its range, a direction that is none, or shapes that do not broadcast.
+    """
     rho = colour("albedo", albedo, 0.0, 1.0)
     r = scalar("roughness", roughness, 0.0, 1.0)
     view, light = directions("v", v), directions("l", l)
@@ -75,11 +96,11 @@ def oren_nayar(
     l: ArrayLike,  # noqa: E741
     energy_compensation: bool = False,
 ) -> Array:
-    """MaterialX's `oren_nayar_diffuse_bsdf` in 1/sr, without the cosine: shape (..., 3). Arguments as for
-    `eon`.
+    """MaterialX's `oren_nayar_diffuse_bsdf` in 1/sr, without the cosine: shape (..., 3).
 
-    Without `energy_compensation` the qualitative model of Oren and Nayar 1994, otherwise EON; in both,
-    MaterialX keeps v.l from being negative."""
+    Without `energy_compensation` the qualitative model of Oren and Nayar 1994, otherwise EON; in both, MaterialX
+    keeps v.l from being negative. Other arguments, and what is raised (`ValueError`), as for `eon`.
+    """
     rho = colour("albedo", albedo, 0.0, 1.0)
     r = scalar("roughness", roughness, 0.0, 1.0)
     view, light = directions("v", v), directions("l", l)
@@ -107,12 +128,21 @@ def diffuse_microfacets(
     shadowing: bool = True,
     resolution: int = 64,
 ) -> Array:
-    """A microsurface whose facets are Lambertian, first bounce only, in 1/sr without the cosine: shape
-    (..., 3).
+    """A microsurface whose facets are Lambertian, first bounce only, in 1/sr without the cosine: shape (..., 3).
 
-    Heitz 2014, eq. 31, by quadrature over normals with `resolution`² nodes: to 1e-3 of a smooth lobe's
-    value. Without `shadowing` G2 is G1(v, m), the integrand of the weak white furnace (eq. 37), and l may
-    lie anywhere. The distribution's parameters are single numbers. `ValueError` as for `lambert`."""
+    Heitz 2014, eq. 31, by quadrature over normals: to 1e-3 of a smooth lobe's value. Albedo and directions as for
+    `lambert`.
+
+    Args:
+        distribution: of the facets; its parameters are single numbers.
+        masking: as in `G2`.
+        correlation: as in `G2`.
+        shadowing: without it G2 is G1(v, m), the integrand of the weak white furnace (eq. 37), and l may lie anywhere.
+        resolution: the quadrature has 2 `resolution`² nodes.
+
+    Raises:
+        ValueError: as `lambert`; a distribution of arrays.
+    """
     rho = colour("albedo", albedo, 0.0, 1.0)
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)

@@ -3,6 +3,8 @@
 Directions and normals are unit vectors of shape (..., 3) in a frame whose normal is +z; everything
 broadcasts."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 
@@ -165,11 +167,22 @@ def sampling_uniforms(u: ArrayLike, needed: int) -> Array:
 
 
 class Distribution:
-    """A distribution of normals with roughness `ax` along the tangent and `ay` across, both > 0.
+    """What the distributions of normals share; it is not made by itself. Equations are those of Heitz 2014.
 
-    `slope_correlation` in (-1, 1) stretches along other axes (Heitz 88), `mean_slope` (..., 2) is the slope
-    of the mesosurface (94). Parameters are numbers or arrays and broadcast with directions. `ValueError`
-    outside their range."""
+    Directions v, l and w and normals m are unit vectors, (..., 3), in a frame whose normal is +z; they and the
+    parameters broadcast. masking is "smith" (eq. 43) or "vcavity" (eq. 49), which are physics, or one of those of
+    `G1`.
+
+    Args:
+        ax: microfacet width alpha along the tangent, above 0: (...).
+        ay: across it, by default the same: (...).
+        slope_correlation: within ±0.9999, stretches along other axes (eq. 88): (...).
+        mean_slope: slope of the mesosurface (eq. 94): (..., 2).
+
+    Raises:
+        ValueError: a parameter outside its range, a direction of another length than 1, another masking, or shapes
+            that do not broadcast; so do the methods.
+    """
 
     _code = surface.GGX
 
@@ -217,10 +230,13 @@ class Distribution:
         return result if components > 1 else result[..., 0]
 
     def quadrature(self, resolution: int = 64) -> tuple[Array, Array]:
-        """Normals (n, 3) and weights (n) for integrals over the hemisphere, dense where D is; single
-        parameters only.
+        """Normals (n, 3) and weights (n) in steradians for integrals over the hemisphere, dense where D is.
 
-        Gauss-Legendre in the stretched slope's length over 1 + length, equal steps in its azimuth.
+        Gauss-Legendre in the stretched slope's length over 1 + length, equal steps in its azimuth: n is
+        2 `resolution`².
+
+        Raises:
+            ValueError: parameters that are arrays; a resolution that is no integer, or below 1.
         """
         if not isinstance(resolution, int) or resolution < 1:
             raise ValueError(f"resolution must be an integer, at least 1, not {resolution!r}")
@@ -279,8 +295,13 @@ class Distribution:
         return self._ask(_G2, v=v, l=l, m=m, masking=masking, correlation=correlation)
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
-        """Normals drawn from those visible from v, for uniforms u (..., 2), or (..., 3) for V-cavities.
-        Shape (..., 3). `ValueError` for v below the surface.
+        """Normals drawn from those visible from v (Heitz and d'Eon 2014). Shape (..., 3).
+
+        Args:
+            u: uniforms in [0, 1], (..., 2), or (..., 3) for V-cavities.
+
+        Raises:
+            ValueError: v is below the surface.
         """
         uniforms = sampling_uniforms(u, 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2)
         view = directions("v", v)
@@ -294,16 +315,19 @@ class Distribution:
 
 
 class GGX(Distribution):
-    """The GGX (Trowbridge-Reitz) distribution: D eq. 85, Λ eq. 86."""
+    """The GGX (Trowbridge-Reitz) distribution (Heitz 2014): D eq. 85, Λ eq. 86. Parameters as of `Distribution`."""
 
 
 class Beckmann(Distribution):
-    """The Beckmann distribution: D eq. 82, Λ eq. 83, exact with erf."""
+    """The Beckmann distribution (Heitz 2014): D eq. 82, Λ eq. 83, exact with erf. Parameters as of `Distribution`."""
 
     _code = surface.BECKMANN
 
 
 class BeckmannRational(Distribution):
-    """Beckmann with Walter's rational fit of Λ (below eq. 69), which other renderers use; 0.4 % off in G1."""
+    """Beckmann with Walter's rational fit of Λ (Heitz 2014, below eq. 69), which other renderers use.
+
+    It is 0.4 % off in G1. Parameters as of `Distribution`.
+    """
 
     _code = surface.BECKMANN_RATIONAL

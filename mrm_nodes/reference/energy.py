@@ -6,6 +6,8 @@ correlated. In these a lobe may have any alphas, azimuth and correlated roughnes
 asks for it, once a process, in a few seconds.
 """
 
+from __future__ import annotations
+
 from functools import lru_cache
 from typing import Any
 
@@ -188,11 +190,20 @@ def white_albedo(
     alpha_y: ArrayLike | None = None,
     azimuth: ArrayLike = 0.0,
 ) -> Array:
-    """Directional albedo of a lobe with F = 1, from a table: within `TABLE_ERROR`. Arguments broadcast.
+    """Directional albedo of a lobe with F = 1, from a table: shape (...), within `TABLE_ERROR`.
 
-    `alpha` is along x and `alpha_y`, where it is another, along y; `azimuth` is the direction's from x, in
-    radians. The same for the forward and the retro lobe. Alpha above 1 is taken as 1. `ValueError` outside the
-    ranges."""
+    The same for the forward and the retro lobe (Portsmouth et al. 2026, eq. 18). Alpha above 1 is taken as 1.
+
+    Args:
+        cos_theta: cosine between the direction and the normal, 0 to 1: (...).
+        alpha: microfacet width along x, above 0: (...).
+        distribution: as in `Conductor`, likewise masking and correlation.
+        alpha_y: along y, where it is another: (...).
+        azimuth: of the direction, from x, in radians: (...).
+
+    Raises:
+        ValueError: an argument outside its range.
+    """
     cosine = scalar("cos_theta", cos_theta, 0.0, 1.0)[..., 0]
     v = _direction(cosine, scalar("azimuth", azimuth, -np.inf)[..., 0])
     return _look_up_named(v, alpha, alpha_y, distribution, masking, correlation)[0]
@@ -205,6 +216,9 @@ def average_albedo(
     correlation: str = "height",
     alpha_y: ArrayLike | None = None,
 ) -> Array:
-    """The cosine-weighted mean of `white_albedo` over the hemisphere."""
+    """The cosine-weighted mean of albedo over the hemisphere: shape (...).
+
+    Arguments and errors (`ValueError`) as for `white_albedo`.
+    """
     up = np.array([0.0, 0.0, 1.0])
     return _look_up_named(up, alpha, alpha_y, distribution, masking, correlation)[1]

@@ -3,6 +3,8 @@
 The scalar formulas are compiled; the public functions below them take and return arrays.
 """
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
@@ -115,8 +117,17 @@ def _index(name: str, value: ArrayLike, open_low: bool = False) -> Array:
 def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
     """Unpolarised Fresnel reflectance of a dielectric, with total internal reflection.
 
-    `cos_theta` in [0, 1] and `eta` = far / near index broadcast; so does the result. `ValueError` outside.
     Source: Mally, The Microfacet BRDF Model, "Fresnel's Law".
+
+    Args:
+        cos_theta: cosine between direction and facet, 0 to 1: (...).
+        eta: far over near index, above 0: (...).
+
+    Returns:
+        (...), 0 to 1.
+
+    Raises:
+        ValueError: an argument outside its range, or shapes that do not broadcast.
     """
     c, eta_array = numbers("cos_theta", cos_theta, 0.0, 1.0), _index("eta", eta, open_low=True)
     check_shapes(cos_theta=c.shape, eta=eta_array.shape)
@@ -131,8 +142,18 @@ def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
 def fresnel_conductor(cos_theta: ArrayLike, n: ArrayLike, k: ArrayLike) -> Array:
     """Unpolarised Fresnel reflectance of a conductor with complex index n + ik, relative to the near medium.
 
-    All arguments broadcast. `ValueError` for a cosine outside [0, 1], n <= 0 or k < 0.
     Source: Born and Wolf, Principles of Optics, section 14.2.
+
+    Args:
+        cos_theta: cosine between direction and facet, 0 to 1: (...).
+        n: real part of the index, above 0: (...).
+        k: its imaginary part, at least 0: (...).
+
+    Returns:
+        (...), 0 to 1.
+
+    Raises:
+        ValueError: an argument outside its range, or shapes that do not broadcast.
     """
     cosine = numbers("cos_theta", cos_theta, 0.0, 1.0)
     index, extinction = _index("n", n, open_low=True), _index("k", k)
@@ -157,9 +178,20 @@ def fresnel_schlick(
 ) -> Array:
     """Generalised Schlick reflectance with the 82-degree tint, clamped to [0, 1].
 
-    All arguments broadcast. `f82` is a tint: the reflectance at cos = 1/7 is `f82` times what it would be
-    without it. `ValueError` for a cosine outside [0, 1] or another argument below 0.
     Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model".
+
+    Args:
+        cos_theta: cosine between direction and facet, 0 to 1: (...).
+        f0: reflectance at normal incidence, at least 0: (...).
+        f82: a tint, at least 0: the reflectance at cos = 1/7 is so many times what it would be without it: (...).
+        f90: reflectance at grazing incidence, at least 0: (...).
+        exponent: of the curve, at least 0: (...).
+
+    Returns:
+        (...), 0 to 1.
+
+    Raises:
+        ValueError: an argument outside its range, or shapes that do not broadcast.
     """
     away = 1.0 - numbers("cos_theta", cos_theta, 0.0, 1.0)
     low, tint, high = numbers("f0", f0, 0.0), numbers("f82", f82, 0.0), numbers("f90", f90, 0.0)

@@ -4,6 +4,8 @@ A closure answers `eval(v, l)`, MaterialX's response without the cosine, and `th
 lets through to a layer below. Any object with `eval` and `throughput`, such as the lobes of `bsdf`, becomes
 a leaf."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -26,14 +28,19 @@ class Scatterer(Protocol):
 
 
 class Closure:
-    """A node of the tree: f without the cosine, and throughput; both of shape (..., 3)."""
+    """A node of MaterialX's closure tree; it is not made by itself.
+
+    Directions are unit vectors away from the surface, (..., 3), in a frame whose normal is +z: v to the viewer, l to
+    the light, None for light from all around. What is returned is (..., 3). Methods raise `ValueError` for a
+    direction that is none and for shapes that do not broadcast.
+    """
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
-        """f(v, l) in 1/sr, without the cosine."""
+        """f(v, l) in 1/sr, without the cosine: (..., 3)."""
         raise NotImplementedError
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
-        """The factor of a base below this closure."""
+        """The factor of a base below this closure, as MaterialX's `layer` takes it: (..., 3)."""
         raise NotImplementedError
 
     def _repr_png_(self) -> bytes | None:
@@ -45,10 +52,12 @@ class Closure:
 
 @dataclass(frozen=True)
 class Leaf(Closure):
-    """A lobe with its node's `weight`, (...)."""
+    """A lobe as a node of MaterialX's closure tree."""
 
     lobe: Scatterer
+    """One of the lobes, or anything that has their `eval` and `throughput`."""
     weight: ArrayLike = 1.0
+    """The node's, at least 0: (...)."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         return self.lobe.eval(v, l) * scalar("weight", self.weight, 0.0)
@@ -59,31 +68,37 @@ class Leaf(Closure):
 
 @dataclass(frozen=True)
 class Lambert:
-    """A diffuse lobe of reflectance `albedo`; opaque, so that nothing below shows."""
+    """A diffuse lobe for a `Leaf`, MaterialX's `oren_nayar_diffuse_bsdf` at roughness 0; nothing below it shows."""
 
     albedo: ArrayLike
+    """Reflectance, 0 to 1: a number or (..., 3)."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
+        """f(v, l) in 1/sr, without the cosine: (..., 3); as `lambert`."""
         return lambert(self.albedo, v, l)
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
+        """Zero, (..., 3), whatever the weight (...): it is opaque. v and l as for `lambert`."""
         return _opaque(v)
 
 
 @dataclass(frozen=True)
 class OrenNayar:
-    """MaterialX's `oren_nayar_diffuse_bsdf`; with `energy_compensation` it is EON but for light behind the
-    viewer.
-    """
+    """MaterialX's `oren_nayar_diffuse_bsdf` for a `Leaf`; nothing below it shows."""
 
     albedo: ArrayLike
+    """Reflectance, 0 to 1: a number or (..., 3)."""
     roughness: ArrayLike = 0.0
+    """0 to 1: (...)."""
     energy_compensation: bool = False
+    """With it this is EON but for light behind the viewer."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
+        """f(v, l) in 1/sr, without the cosine: (..., 3); as `oren_nayar`."""
         return oren_nayar(self.albedo, self.roughness, v, l, self.energy_compensation)
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
+        """Zero, (..., 3), whatever the weight (...): it is opaque. v and l as for `lambert`."""
         return _opaque(v)
 
 
@@ -95,7 +110,7 @@ def _opaque(v: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Mix(Closure):
-    """`mix`: bg (1 - amount) + fg amount, for response and throughput; `amount` in [0, 1], (...)."""
+    """MaterialX's `mix`: bg (1 - amount) + fg amount, for response and throughput; `amount` in [0, 1], (...)."""
 
     fg: Closure
     bg: Closure
@@ -114,7 +129,7 @@ class Mix(Closure):
 
 @dataclass(frozen=True)
 class Add(Closure):
-    """`add`: responses add, and so do the albedos that throughputs are 1 less of."""
+    """MaterialX's `add`: the responses of in1 and in2 add, and so do the albedos that throughputs are 1 less of."""
 
     in1: Closure
     in2: Closure
@@ -128,7 +143,10 @@ class Add(Closure):
 
 @dataclass(frozen=True)
 class Multiply(Closure):
-    """`multiply`: the response times a factor, clamped to [0, 1]; the throughput as it is."""
+    """MaterialX's `multiply`: the response of in1 times in2, a number or (..., 3), clamped to [0, 1].
+
+    The throughput stays as it is.
+    """
 
     in1: Closure
     in2: ArrayLike
@@ -142,7 +160,7 @@ class Multiply(Closure):
 
 @dataclass(frozen=True)
 class Layer(Closure):
-    """`layer`: the top's response plus the base's times the top's throughput; throughputs multiply."""
+    """MaterialX's `layer`: the top's response plus the base's times the top's throughput; throughputs multiply."""
 
     top: Closure
     base: Closure

@@ -1,5 +1,7 @@
 """The Phong (Blinn) distribution: not shape-invariant, so that its Smith masking is an integral of its own."""
 
+from __future__ import annotations
+
 import math
 from typing import Any
 
@@ -57,9 +59,10 @@ _joints: Any = np.vectorize(_joint, otypes=[np.float64])
 
 
 class Phong(Distribution):
-    """Blinn's distribution with the exponent 2/alpha² - 2, anisotropic as Ashikhmin and Shirley's.
+    """Blinn's distribution with the exponent 2/alpha² - 2, anisotropic as Ashikhmin and Shirley 2000 have it.
 
-    It knows no correlated or shifted slopes. Smith's visible normals are drawn by inverting their distribution
+    Its Λ is Heitz 2014, eq. 124. Parameters as of `Distribution`, but for slopes: they are neither correlated nor
+    shifted. Smith's visible normals are drawn by inverting their distribution
     numerically, at some 20 microseconds each while v stays the same."""
 
     _code = surface.PHONG

@@ -82,6 +82,8 @@ class Cache:
         Warns (MrmWarning) of an entry that is damaged or another case's, and removes it.
 
         Args:
+            key: of the task's inputs; see `inputs.key`.
+            folder: the report's.
             task: whose result it has to be.
             backend: where that was drawn.
 
@@ -123,7 +125,14 @@ class Cache:
         return entry, line
 
     def put(self, key: str, outcome: Outcome, folder: Path, sums: Sums) -> None:
-        """Keep an outcome and its files, which lie below a folder. Warns (MrmWarning) once where that fails."""
+        """Keep an outcome and its files by their key. Warns (MrmWarning) once where that fails.
+
+        Args:
+            key: of the task's inputs; see `inputs.key`.
+            outcome: what became of the task.
+            folder: the report's, below which the files lie.
+            sums: the files' digests, by their names.
+        """
         if outcome.verdict not in CACHED or not self._works:
             return
         place = self._place(key)

@@ -67,21 +67,29 @@ class MaterialCase:
     """One image of a user's material. File names are relative to `root`."""
 
     name: str
+    """The case's own, fit for a folder."""
     root: Path
+    """The folder that names are relative to."""
     material: str
+    """The document's name."""
     element: str
     """Path of the material in its document."""
     truth: Truth
+    """What the image is compared with: `physics` or `baseline`."""
     reason: str
     """Why this truth; what is wrong with the document, where it is broken."""
     inputs: Mapping[str, Value] = field(default_factory=dict)
     """Values in place of the document's, by the path of an input (`node/input`, `graph/node/input`)."""
     mesh: str = "sphere"
+    """`sphere`, `plane`, `baluster` or a file's name."""
     camera: Camera | Framing = _WHOLE
+    """By default it stands on the +z side and shows the whole mesh."""
     lights: tuple[Light, ...] = ()
+    """None by default."""
     environment: EnvironmentMap | None = None
+    """Black by default."""
     size: tuple[int, int] = (256, 256)
-    """Width and height."""
+    """Width and height in pixels."""
     tolerance: Tolerance = field(default_factory=Tolerance)
     """Asks for nothing: the evaluator's own bounds, or BASELINE_TOLERANCE."""
     mask: str | None = None
@@ -97,11 +105,13 @@ class MaterialCase:
     time_limit: float | None = None
     """Seconds that the case may take, or the run's own limit."""
     allow_external: bool = False
+    """Whether it may read files outside of its folder and the node libraries."""
     broken: bool = False
     """Its document cannot be used: judging it is an error."""
     origin: Path | None = None
     """Where it was moved, the root that its documents know: their absolute names are below it."""
     target: str = "glsl"
+    """What its shader is generated for."""
 
     @property
     def node(self) -> str:
@@ -178,7 +188,7 @@ class MaterialCase:
         return (*self.sources(), *more)
 
     def moved(self, root: Path) -> Self:
-        """The same case with its files below another folder."""
+        """The same case with its files below another folder, root."""
         return replace(self, root=root, origin=self.origin or self.root)
 
     def placed(self, value: Value) -> Value:

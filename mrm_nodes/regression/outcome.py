@@ -85,12 +85,17 @@ class Outcome:
     """What became of one task on one backend: a line of the report."""
 
     name: str
+    """The task's."""
     node: str
+    """The node that it is about, or the material's document."""
     backend: str
+    """Where it was drawn: `egl` or `osmesa`."""
     verdict: Verdict
+    """What came of it; see `compare.VERDICTS`."""
     kind: str = "image"
     """The task's: `image`, `cloud` or `material`."""
     target: str = "glsl"
+    """What its shader was generated for."""
     message: str = ""
     """Why, where the verdict is error, skipped or undecided."""
     fault: Fault = ""
@@ -98,8 +103,11 @@ class Outcome:
     truth: str = "physics"
     """What it was compared with: `physics` (the evaluator) or `baseline` (a stored image)."""
     figures: Figures | None = None
+    """The errors that were found."""
     tolerance: Mapping[str, float] = field(default_factory=dict)
+    """What was asked of them."""
     seconds: dict[str, float] = field(default_factory=lambda: dict.fromkeys(STAGES, 0.0))
+    """Seconds of each stage."""
     files: Mapping[str, Any] = field(default_factory=dict)
     """File names, relative to the report's folder, and the pictures' exposure."""
     setup: Mapping[str, Any] = field(default_factory=dict)

@@ -386,6 +386,8 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> Report:
     its environment names them as `missing`.
 
     Args:
+        parts: folders of the shards.
+        folder: made where it does not exist.
         partial: whether shards may be missing: the report is then as good as those that are there.
 
     Raises:

@@ -197,12 +197,19 @@ class BackendReport:
     """What a probe found out about one backend; `reason` and `hint` are empty where it works."""
 
     backend: str
+    """`egl` or `osmesa`."""
     works: bool
+    """Whether OpenGL 4.0 is there."""
     vendor: str = ""
+    """What OpenGL says of itself."""
     renderer: str = ""
+    """Likewise: the driver or the card."""
     version: str = ""
+    """Likewise."""
     reason: str = ""
+    """Why it does not work."""
     hint: str = ""
+    """What to install."""
 
 
 class _OSMesaContext:

@@ -91,7 +91,7 @@ class Environment:
 
     @functools.cached_property
     def levels(self) -> list[Floats]:
-        """The mip levels, from the map itself down to one texel: each texel is the mean over its solid angle."""
+        """The mip levels, (h, w, 3) each, from the map itself down to one texel: the mean over its solid angle."""
         levels = [self.radiance]
         while max(levels[-1].shape[:2]) > 1:
             height, width = (max(length // 2, 1) for length in levels[-1].shape[:2])
@@ -135,7 +135,7 @@ class Environment:
 
     @functools.cached_property
     def irradiance(self) -> Floats:
-        """Irradiance over π by normal, in the same projection: a white Lambertian's radiance."""
+        """Irradiance over π by normal, (h, w, 3) in the same projection: a white Lambertian's radiance."""
         width = min(_IRRADIANCE_SOURCE_WIDTH, self.radiance.shape[1])
         source = shrink(self.radiance, width // 2, width)
         normals = directions(_IRRADIANCE_WIDTH // 2, _IRRADIANCE_WIDTH).reshape(-1, 3)
@@ -323,7 +323,11 @@ BUILT_IN_ENVIRONMENTS: dict[str, Callable[[], Environment]] = {"sky": sky, "stud
 
 
 def find_environment(name: str | os.PathLike[str], **options: Any) -> Environment:
-    """Return a built-in environment, or read a map: `load_environment` says how.
+    """Return a built-in environment, or read a map.
+
+    Args:
+        name: `sky`, `studio`, or a latitude-longitude map, an .hdr or .exr file.
+        options: `rotation`, `intensity`, `samples` and `filtered` as of `Environment`; `layer` of an EXR.
 
     Raises:
         MrmError: as `load_environment`.

@@ -104,7 +104,7 @@ class Mesh:
 
     @functools.cached_property
     def radius(self) -> float:
-        """Radius of the sphere about `center` that holds every vertex."""
+        """Radius, in scene units, of the sphere about `center` that holds every vertex."""
         return float(np.linalg.norm(self.positions - np.array(self.center), axis=1).max())
 
     @functools.cached_property

@@ -90,7 +90,7 @@ class RenderedImage:
         camera: the camera that was used.
         backend: which OpenGL drew it, `egl` or `osmesa`.
         device: the name that its driver gives.
-        seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory.
+        seconds: `compile` (0 where the program was known) and `render`, until the pixels are in memory; in seconds.
         environment: what was around it.
         development: how a picture for eyes is made of it; None where none was wanted.
         developed: that picture, where it was made as the samples were drawn.
@@ -597,7 +597,7 @@ class Renderer:
         return streams
 
     def checked_size(self, size: tuple[int, int]) -> tuple[int, int]:
-        """Return width and height.
+        """Return a size, width and height in pixels, that can be drawn.
 
         Raises:
             MrmError: they are none, more than the driver draws, or than fits into memory.

@@ -73,7 +73,12 @@ def _shown(value: Any) -> str:
 
 @dataclass(frozen=True)
 class DirectionalLight:
-    """MaterialX's `directional_light`: light travels along `direction`, and its intensity is irradiance.
+    """MaterialX's `directional_light`: light travels along `direction`.
+
+    Args:
+        direction: in world space, of any length but zero.
+        color: linear.
+        intensity: irradiance on a plane that faces it, times `color`.
 
     Raises:
         MrmError: a number that is none, or a direction of zero length. The direction is stored normalised,
@@ -89,13 +94,19 @@ class DirectionalLight:
         _check_emission(self, "directional light")
 
     def data(self, camera: Camera) -> dict[str, Any]:
-        """Return MaterialX's `LightData` members."""
+        """Return MaterialX's `LightData` members, for what this camera sees."""
         return {"type": 1, "direction": self.direction, **_emission(self)}
 
 
 @dataclass(frozen=True)
 class PointLight:
-    """MaterialX's `point_light`: intensity / (1 + distance)^decay_rate, as its node has it.
+    """MaterialX's `point_light`: irradiance is intensity / (1 + distance)^decay_rate, as its node has it.
+
+    Args:
+        position: in scene units.
+        color: linear.
+        intensity: irradiance at its position, times `color`.
+        decay_rate: 0 for none.
 
     Raises:
         MrmError: a number that is none.
@@ -112,7 +123,7 @@ class PointLight:
         _check_emission(self, "point light")
 
     def data(self, camera: Camera) -> dict[str, Any]:
-        """Return MaterialX's `LightData` members."""
+        """Return MaterialX's `LightData` members, for what this camera sees."""
         return {"type": 2, "position": self.position, "decay_rate": self.decay_rate, **_emission(self)}
 
 
@@ -121,6 +132,13 @@ class SpotLight:
     """MaterialX's `spot_light`: a point light that fades between an inner and an outer cone.
 
     `inner_angle` and `outer_angle` are cosines, because MaterialX's shader compares them with one.
+
+    Args:
+        position: in scene units.
+        direction: along which its axis points, in world space.
+        color: linear.
+        intensity: irradiance at its position, times `color`.
+        decay_rate: as of `PointLight`.
 
     Raises:
         MrmError: a number that is none, or a direction of zero length. The direction is stored normalised.
@@ -142,7 +160,7 @@ class SpotLight:
         _check_emission(self, "spot light")
 
     def data(self, camera: Camera) -> dict[str, Any]:
-        """Return MaterialX's `LightData` members."""
+        """Return MaterialX's `LightData` members, for what this camera sees."""
         angles = {"inner_angle": self.inner_angle, "outer_angle": self.outer_angle}
         point = {"type": 3, "position": self.position, "direction": self.direction}
         return point | {"decay_rate": self.decay_rate} | angles | _emission(self)
@@ -151,6 +169,10 @@ class SpotLight:
 @dataclass(frozen=True)
 class CameraLight:
     """A point light without decay at the camera's position: light and view direction agree at every pixel.
+
+    Args:
+        color: linear.
+        intensity: irradiance on a plane that faces it, times `color`.
 
     Raises:
         MrmError: a number that is none.
@@ -163,7 +185,7 @@ class CameraLight:
         _check_emission(self, "camera light")
 
     def data(self, camera: Camera) -> dict[str, Any]:
-        """Return MaterialX's `LightData` members."""
+        """Return MaterialX's `LightData` members, for what this camera sees."""
         return {"type": 2, "position": camera.position, "decay_rate": 0.0, **_emission(self)}
 
 
@@ -180,7 +202,7 @@ def _emission(light: Light) -> dict[str, Any]:
 
 
 def parse_light(text: str) -> Light:
-    """Read a light as the command line writes it: see `LIGHT_SYNTAX`; colours are linear.
+    """Read a light from text as the command line writes it: see `LIGHT_SYNTAX`; colours are linear.
 
     Point and spot lights of this syntax do not decay, so that a scene's scale does not change its exposure.
 
@@ -221,11 +243,14 @@ class Camera:
     """A camera at `position` that looks at `target`, in the scene's units.
 
     Args:
+        position: in scene units.
+        target: in scene units.
+        up: a direction that is upwards in the picture.
         fov: vertical field of view in degrees.
         width: width of the picture in scene units; makes the camera orthographic, and `fov` is not used.
             MaterialX's shaders take the view direction from `position` in both cases.
         near: the nearest distance that is drawn, in scene units; by default it follows the mesh.
-        far: the farthest, likewise.
+        far: the farthest, in scene units.
 
     Raises:
         MrmError: a number that is none or out of range, or position, target and up in one line.
@@ -271,7 +296,13 @@ class Camera:
         return matrix
 
     def projection_matrix(self, aspect: float, near: float, far: float) -> NDArray[np.float64]:
-        """Return OpenGL's 4 × 4 projection for column vectors; `aspect` is width over height."""
+        """Return OpenGL's 4 × 4 projection for column vectors.
+
+        Args:
+            aspect: width of the picture over its height.
+            near: clipping distance in scene units.
+            far: likewise, the farther one in scene units.
+        """
         matrix = np.zeros((4, 4))
         if self.width is not None:
             matrix[0, 0], matrix[1, 1] = 2.0 / self.width, 2.0 * aspect / self.width
@@ -285,7 +316,7 @@ class Camera:
         return matrix
 
     def clip_distances(self, center: Vec3, radius: float) -> tuple[float, float]:
-        """Return near and far: as given, else just around a bounding sphere."""
+        """Return near and far: as given, else just around a bounding sphere, of center and radius in scene units."""
         depth = float(np.dot(np.subtract(center, self.position), self._axis))
         far = self.far if self.far is not None else max(depth + 1.01 * radius, 1e-3 * radius)
         near = self.near if self.near is not None else max(depth - 1.01 * radius, 1e-3 * far)
@@ -297,6 +328,8 @@ class Framing:
     """A camera still to be placed: it stands in `direction` and has the whole mesh in the picture.
 
     Args:
+        direction: from the mesh to the camera, in world space.
+        up: a direction that is upwards in the picture.
         fov: vertical field of view in degrees.
         orthographic: parallel rays; see ORTHOGRAPHIC_DISTANCE.
 
@@ -325,7 +358,8 @@ class Framing:
         """Return the camera that looks at `center` and just has everything in the picture.
 
         Args:
-            radius: of the bounding sphere that is framed where there are no `points`.
+            center: what it looks at, in scene units.
+            radius: of the bounding sphere that is framed where there are no `points`, in scene units.
             aspect: width of the picture over its height.
             points: (n, 3), what is to be seen: framed more tightly than their bounding sphere.
         """
@@ -352,7 +386,7 @@ class Framing:
 
 
 def parse_camera(text: str) -> Camera | Framing:
-    """Read a camera as the command line writes it: see `CAMERA_SYNTAX`.
+    """Read a camera from text as the command line writes it: see `CAMERA_SYNTAX`.
 
     `X,Y,Z` is the position and `TX,TY,TZ` the point looked at, by default the origin; `frame:DX,DY,DZ` stands
     in that direction and shows the whole mesh. `width` makes the camera orthographic.

@@ -100,6 +100,11 @@ def scene_gallery(
 ) -> list[dict[str, str]]:
     """Draw scenes, small, into a folder that exists, and return title, caption and image file of each.
 
+    Args:
+        folder: that exists.
+        names: of `TITLES`.
+        scale: of the pictures.
+
     The two figures take a few seconds, all six about a minute.
     """
     shown = []

@@ -29,17 +29,26 @@ _KNOWN_VERSIONS = "mrm-nodes knows the surfaces of MaterialX 1.39.3 to 1.39.5"
 
 @dataclass(frozen=True)
 class Surface:
-    """A surface shader whose graph is known: see `surfaces.toml`, which says what each field is."""
+    """A surface shader whose graph is known."""
 
     node: str
+    """MaterialX's."""
     name: str
+    """Of the node that is made."""
     input: str
+    """Its new input."""
     after: str
+    """The input of the original that the new one follows."""
     uiname: str
+    """How a user interface calls the new input."""
     folder: str
+    """Where it shows it."""
     doc: str
+    """What it says of it."""
     replace: Mapping[str, str]
+    """Base specular: nodes of the graph, each with its BSDF."""
     keep: Mapping[str, str]
+    """Coat and transmission: the nodes that stay as they are, likewise."""
 
 
 @functools.cache

@@ -323,7 +323,8 @@ class Lobe:
 class Conductor(Lobe):
     """A conductor: reflection only, opaque from inside.
 
-    Portsmouth et al. 2026, eqs. 1 and 10, blended as in Section 4, with the Fresnel reflectance of `fresnel_conductor`.
+    Portsmouth et al. 2026, eqs. 1 and 10, blended as in Section 4, with the reflectance of
+    `fresnel_conductor`.
 
     Args:
         ior: real part of the complex index relative to the outside, above 0: a number or (..., 3).
@@ -374,8 +375,8 @@ class Conductor(Lobe):
 class Dielectric(Lobe):
     """A dielectric interface: reflection, transmission or both.
 
-    Portsmouth et al. 2026, eqs. 1, 2 and 10, blended as in Section 4, with the Fresnel reflectance of `fresnel_dielectric`.
-    Parameters that are not listed are as for `Conductor`.
+    Portsmouth et al. 2026, eqs. 1, 2 and 10, blended as in Section 4, with the reflectance of
+    `fresnel_dielectric`. Parameters that are not listed are as for `Conductor`.
 
     Args:
         ior: index inside, above 0; outside it is 1: (...).
@@ -417,9 +418,9 @@ class Dielectric(Lobe):
 class GeneralizedSchlick(Lobe):
     """A lobe with Schlick's reflectance.
 
-    Portsmouth et al. 2026, eqs. 1, 2 and 10, blended as in Section 4, with the reflectance of `fresnel_schlick`. Transmission
-    refracts with the index that MaterialX derives from the mean of `color0`. Parameters that are not listed are as
-    for `Dielectric`.
+    Portsmouth et al. 2026, eqs. 1, 2 and 10, blended as in Section 4, with the reflectance of
+    `fresnel_schlick`. Transmission refracts with the index that MaterialX derives from the mean of `color0`.
+    Parameters that are not listed are as for `Dielectric`.
 
     Args:
         color0: reflectance at normal incidence, at least 0: a number or (..., 3).

@@ -457,9 +457,6 @@ REASONS: dict[tuple[str, str], str] = {
         "regress",
         r": undecided: nothing is lit",
     ): "nothing that the light of the case would show: it only emits",
-    ("regress", r"^varying_ior.*: fail: [3-4]\.\d+e-05$"): (
-        "an index of refraction from 0 to 1: float32 rounds Fresnel's factor by more than the bound, 2e-5"
-    ),
 }
 """Why something is not as MaterialX has it: by stage and pattern of the document's name and what is said."""
 

@@ -1,18 +1,23 @@
-"""Draws the figures of docs/model.md into docs/images as SVG: `python docs/make_figures.py`; needs Matplotlib.
+"""Draws the figures of docs/model.md and the pictures of the tutorials into docs/images: `python docs/make_figures.py`.
 
-Everything that is plotted comes from the evaluator. Colours are read on light and on dark pages.
+It needs Matplotlib. What is plotted comes from the evaluator, in colours that are read on light and on dark pages; the
+pictures are what the tutorials' own commands draw.
 """
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
+from mrm_nodes import cli
 from mrm_nodes import reference as ref
 from mrm_nodes.files import write_bytes
 from mrm_nodes.plotfile import figure_bytes
@@ -183,7 +188,67 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "model-compensation": compensation,
 }
 
+
+def tutorial_cone(folder: Path) -> Image.Image:
+    """Step 2 of the artist's: the frames of a light sweep."""
+    command(
+        "render",
+        "traffic_cone",
+        "--mesh",
+        "baluster",
+        "--light-sweep",
+        "6",
+        "--size",
+        "200x320",
+        folder / "cone.png",
+    )
+    return side_by_side([Image.open(folder / f"cone.0{number}.png") for number in range(1, 7)])
+
+
+def tutorial_stripes(folder: Path) -> Image.Image:
+    """Step 4 of the artist's: a torch at the camera, and a room."""
+    page = (FOLDER.parent / "tutorials/artist.md").read_text("utf-8")
+    document = folder / "striped.mtlx"
+    document.write_text(page.split("<!-- striped.mtlx -->")[1].split("```")[0], "utf-8")
+    command("render", document, "--size", "320", folder / "torch.png")
+    command("render", document, "--size", "320", "--env", "studio", folder / "room.png")
+    return side_by_side([Image.open(folder / name) for name in ("torch.png", "room.png")])
+
+
+def command(*arguments: Any) -> None:
+    """Run `mrm-nodes`, the last argument being its output."""
+    *words, output = map(str, arguments)
+    try:
+        cli.main([*words, "-o", output])
+    except SystemExit as ended:
+        if ended.code:
+            raise
+
+
+def side_by_side(pictures: list[Image.Image]) -> Image.Image:
+    """On the dark grey that a night is read on."""
+    size = sum(each.width for each in pictures), max(each.height for each in pictures)
+    sheet = Image.new("RGBA", size, (24, 24, 26, 255))
+    left = 0
+    for each in pictures:
+        sheet.alpha_composite(each.convert("RGBA"), (left, 0))
+        left += each.width
+    return sheet.convert("RGB")
+
+
+PICTURES: dict[str, Callable[[Path], Image.Image]] = {
+    "tutorial-cone": tutorial_cone,
+    "tutorial-stripes": tutorial_stripes,
+}
+
 if __name__ == "__main__":
+    for name, render in PICTURES.items():
+        path = FOLDER / f"{name}.webp"
+        with TemporaryDirectory() as folder:
+            drawn = io.BytesIO()
+            render(Path(folder)).save(drawn, "WEBP", quality=90)
+            write_bytes(path, drawn.getvalue())
+        print(path)
     for name, draw in FIGURES.items():
         path = FOLDER / f"{name}.svg"
         with matplotlib.rc_context(STYLE):

@@ -59,6 +59,11 @@ def _line_in_python(body: list[ast.stmt], names: list[str]) -> int | None:
     return None
 
 
+def is_ours(path: str) -> bool:
+    """Whether there is such a file in the repository."""
+    return (ROOT / path).is_file() and (ROOT / path).resolve().is_relative_to(ROOT)
+
+
 def page_of(path: str) -> str:
     """The page that shows a file: both from the top, of the repository and of the documentation."""
     return f"source/{path}.md"
@@ -78,7 +83,7 @@ def on_files(files: Files, config: Any, **_: Any) -> Files:
     for page in files.documentation_pages():
         linked |= {found[1] for found in _LINK.finditer(page.content_string)}
     for path in sorted(linked):
-        if (ROOT / path).is_file():
+        if is_ours(path):
             files.append(
                 File.generated(
                     config, page_of(path), content=_page(path), inclusion=InclusionLevel.NOT_IN_NAV
@@ -94,7 +99,7 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     def resolved(found: re.Match[str]) -> str:
         path, name = found[1], found[2]
         try:
-            if not (ROOT / path).is_file():
+            if not is_ours(path):
                 raise LookupError(f"there is no file {path}")
             line = "" if name is None else f"#L-{line_of(ROOT / path, name)}"
         except LookupError as error:

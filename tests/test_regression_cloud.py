@@ -6,6 +6,9 @@ import pytest
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cloud import (
     LOBE,
+    MAP_ALPHAS,
+    MAP_ANGLES,
+    MOST_USED,
     SAME,
     SPHERE,
     Cloud,
@@ -117,3 +120,41 @@ def test_a_cloud_is_the_same_every_time():
     cloud = Cloud("mrm_conductor_bsdf", configurations=500)
     first, second = (run_cloud(cloud, FakeRenderer(cloud.node, 0.01), None) for _ in range(2))
     assert first.worst == second.worst
+    assert first.maps == second.maps
+
+
+def degrees(direction):
+    return np.degrees(np.arccos(np.clip(direction[2], -1.0, 1.0)))
+
+
+def test_the_maps_have_the_worst_of_each_cell_and_the_worst_configurations_their_place():
+    cloud = Cloud("mrm_conductor_bsdf", configurations=3000)
+    result = run_cloud(cloud, FakeRenderer(cloud.node, 0.01), None)
+    used = [each["used"] for each in result.worst]
+    assert used == sorted(used, reverse=True) and used[0] > used[-1] > 0
+    cells = {(each["angle"], each["film"]): each["used"] for each in result.maps}
+    assert set(cells) == {(angle, film) for angle in ("view", "light") for film in (False, True)}
+    for rows in cells.values():
+        assert [len(row) for row in rows] == [MAP_ALPHAS] * MAP_ANGLES
+    for each in result.worst:
+        film = each["inputs"]["thinfilm_thickness"] > 0
+        column = int((np.log10(min(each["inputs"]["roughness"])) + 3) / 3 * MAP_ALPHAS)
+        for angle in ("view", "light"):
+            row = min(int(degrees(each[angle]) / 90 * MAP_ANGLES), MAP_ANGLES - 1)
+            assert cells[angle, film][row][column] >= 0.94 * each["used"]
+    for angle in ("view", "light"):
+        most = max(
+            used for film in (False, True) for row in cells[angle, film] for used in row if used is not None
+        )
+        assert most == pytest.approx(used[0], rel=0.06)
+
+
+def test_maps_tell_an_error_that_is_not_finite_from_a_cell_that_is_empty():
+    cloud = Cloud("mrm_conductor_bsdf", configurations=40)
+    values = {
+        used
+        for each in run_cloud(cloud, FakeRenderer(cloud.node, np.nan), None).maps
+        for row in each["used"]
+        for used in row
+    }
+    assert values == {None, MOST_USED}

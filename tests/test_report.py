@@ -18,10 +18,12 @@ from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.compare import Figures
 from mrm_nodes.regression.outcome import as_record, from_record, outcome_of
-from mrm_nodes.regression.pictures import HEAT_OVER, exposure_for, heat_map, write_pictures
+from mrm_nodes.regression.perceptual import exposure_for
+from mrm_nodes.regression.pictures import HEAT_OVER, heat_map, page_data, write_pictures
 from mrm_nodes.regression.report import PIECE, figure, share, write_report
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends, read_image, render
+from mrm_nodes.render.exposure import auto_exposure
 from mrm_nodes.render.tonemap import find_tonemap, srgb_encoded
 
 ENVIRONMENT = {
@@ -233,14 +235,40 @@ def test_pictures_keep_data_in_float32_and_show_it_at_one_exposure(tmp_path):
     mask = np.ones((8, 6), bool)
     mask[0] = False
     files = write_pictures(tmp_path, image, image.astype(np.float64), mask, np.zeros((8, 6)))
-    assert files["exposure"] == -9.0
+    # The exposure of `mrm-nodes render`.
+    stops = auto_exposure(image * mask[..., None], mask.astype(np.float32), find_tonemap("neutral").headroom)
+    assert files["exposure"] == stops == pytest.approx(-9.0, abs=0.1)
     assert (read_image(tmp_path / files["render_data"])[1:] == image[1:]).all()
     shown = read_image(tmp_path / files["render"])
     assert shown.shape == (8, 6, 4)
     assert (shown[..., 3] == mask).all()
-    mapped = find_tonemap("neutral")(image * np.float32(2.0**-9))
+    mapped = find_tonemap("neutral")(image * np.float32(2.0**stops))
     assert np.abs(shown[1:, :, :3] - srgb_encoded(mapped)[1:]).max() < 0.6 / 255
     assert 0.5 < shown[..., :3].max() <= 1.0
+
+
+def test_a_case_and_its_reference_share_the_reference_s_exposure(tmp_path):
+    reference = np.full((4, 4, 3), 0.25, np.float32)
+    mask = np.ones((4, 4), bool)
+    alone = write_pictures(tmp_path, reference, reference, mask)["exposure"]
+    for image in (2 * reference, 0 * reference, np.full_like(reference, np.nan)):
+        files = write_pictures(tmp_path, image, reference, mask)
+        assert files["exposure"] == alone
+        seen = find_tonemap("neutral")(reference * np.float32(2.0**alone))
+        assert (
+            np.abs(read_image(tmp_path / files["reference"])[..., :3] - srgb_encoded(seen)).max() < 0.6 / 255
+        )
+    # What should be black and is not is seen.
+    assert write_pictures(tmp_path, reference, 0 * reference, mask)["exposure"] == alone
+    assert write_pictures(tmp_path, 0 * reference, 0 * reference, mask)["exposure"] == 0.0
+
+
+def test_in_16_bits_only_what_is_not_finite_is_not_finite(tmp_path):
+    image, mask = np.ones((1, 4, 3), np.float32), np.ones((1, 4), bool)
+    data = page_data({"render": image}, {"used": np.array([[0.5, 1e9, np.inf, np.nan]])}, mask)
+    unpacked = zlib.decompress(base64.b64decode(data["packed"]))[48:56]
+    values = np.frombuffer(unpacked, np.uint8).reshape(2, 4).T.copy().view("<f2")[:, 0]
+    np.testing.assert_array_equal(values, [0.5, 65504.0, np.inf, np.nan])
 
 
 def test_the_page_s_numbers_are_the_pictures_own_bits(tmp_path):
@@ -303,7 +331,15 @@ def test_figures_have_two_digits(value, text):
 
 
 @pytest.mark.parametrize(
-    ("value", "text"), [(0.42, "42 %"), (0.0034, "0.3 %"), (25.0, "25 ×"), (None, "not finite")]
+    ("value", "text"),
+    [
+        (0.42, "42 %"),
+        (0.0034, "0.3 %"),
+        (25.0, "25 ×"),
+        (12345.6, "12 346 ×"),
+        (3e7, "3.0e7 ×"),
+        (None, "∞ ×"),
+    ],
 )
 def test_shares_are_percentages_or_multiples(value, text):
     assert share(value) == text

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import DECADES, Cloud
+from mrm_nodes.regression.cloud import DECADES, MAP_ALPHAS, MAP_ANGLES, Cloud
 from mrm_nodes.regression.compare import VERDICTS
 from mrm_nodes.regression.outcome import Outcome, outcome_of
 from mrm_nodes.regression.pictures import write_pictures
@@ -100,10 +100,32 @@ def outcomes(folder) -> list[Outcome]:
         for alpha in DECADES for film in (False, True)
     ]  # fmt: skip
     cloud = Cloud("mrm_dielectric_bsdf", configurations=60_000)
-    told.append(
-        outcome_of(cloud, "egl", "pass", figures=told[1].figures, details={"decades": decades, "worst": {"used": 0.3}})
-    )  # fmt: skip
+    details = {"decades": decades, "maps": maps(), "worst": WORST[0], "worst_configurations": WORST}
+    told.append(outcome_of(cloud, "egl", "pass", figures=told[1].figures, details=details))
     return told
+
+
+OVER_BOUND = (16, 3)
+"""The cell of the light's map without a film that is over the bound: its row, from 0 degrees up, and its column."""
+WORST = [
+    {"used": 1.5, "inputs": {"roughness": [0.05299999937415123, 0.25], "tint": [1.0, None, 0.5]},
+     "view": [0.6, 0.0, 0.8], "light": [0.0, 0.0, 1.0], "image": [0.1, 0.2, None], "reference": [0.1, 0.2, 0.3]},
+    {"used": 0.5, "inputs": {"roughness": [0.5, 0.5], "tint": [1.0, 1.0, 1.0]},
+     "view": [0.0, 0.0, 1.0], "light": [0.0, 0.0, 1.0], "image": [0.1, 0.2, 0.3], "reference": [0.1, 0.2, 0.3]},
+]  # fmt: skip
+
+
+def maps() -> list[dict]:
+    """A cloud's: a tenth of the bound, one cell over it, and one in which nothing lies."""
+    found = []
+    for film in (False, True):
+        for angle in ("view", "light"):
+            used = [[0.1] * MAP_ALPHAS for _ in range(MAP_ANGLES)]
+            used[0][0] = None
+            if angle == "light" and not film:
+                used[OVER_BOUND[0]][OVER_BOUND[1]] = 1.5
+            found.append({"angle": angle, "film": film, "used": used})
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -175,17 +197,21 @@ def open_case(page: Page, name: str) -> None:
     page.wait_for_selector("#layer-map canvas")
 
 
-def canvas(page: Page, layer: str) -> np.ndarray:
+def canvas(page: Page, layer: str, size: int = SIZE) -> np.ndarray:
     """The pixels of a canvas, `(h, w, 4)` 8 bits."""
+    return pixels_of(page, f"#{layer} canvas", size)
+
+
+def pixels_of(page: Page, selector: str, size: int) -> np.ndarray:
     text = page.evaluate(
-        """(id) => {
-          const canvas = document.querySelector(`#${id} canvas`);
+        """(selector) => {
+          const canvas = document.querySelector(selector);
           const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
           return btoa(Array.from(data, (byte) => String.fromCharCode(byte)).join(""));
         }""",
-        layer,
+        selector,
     )
-    return np.frombuffer(base64.b64decode(text), np.uint8).reshape(SIZE, SIZE, 4)
+    return np.frombuffer(base64.b64decode(text), np.uint8).reshape(size, size, 4)
 
 
 def seen(page: Page, selector: str = "#frame-render") -> np.ndarray:
@@ -543,12 +569,146 @@ def test_the_set_up_is_brief_and_whole_where_it_is_pointed_at(opened):
     assert "None" not in told.text_content()
 
 
-def test_a_cloud_shows_its_decades(opened):
+OVER = [0xFF, 0x1F, 0x5A, 0xFF]
+
+
+def test_a_cloud_is_a_picture_on_its_card_and_small_multiples_when_it_is_opened(opened):
     page = opened()
-    assert page.locator("#cloud-table tbody tr").count() == 1
-    page.locator("#cloud-table a").click()
+    card = page.locator(".card", has=page.get_by_text("cloud-dielectric-ggx-smith"))
+    assert card.locator("canvas").count() == 2
+    assert card.locator(".words").count() == 0
+    assert "at most 150 %" in card.locator("canvas").first.get_attribute("aria-label")
+    assert page.locator("#cloud-maps figure").count() == 1
+    page.locator("#cloud-maps a").click()
     expect(page.locator("#case-name")).to_contain_text("cloud-dielectric-ggx-smith")
     assert page.locator("#facts .decade").count() == 6
+    assert page.locator("#facts .multiple").count() == 4
+    shown = pixels_of(page, "#facts .multiple:nth-child(2) canvas", MAP_ALPHAS)
+    # Angles go upwards.
+    assert np.argwhere((shown == OVER).all(-1)).tolist() == [[MAP_ANGLES - 1 - OVER_BOUND[0], OVER_BOUND[1]]]
+    assert shown[MAP_ANGLES - 1, 0, 3] == 0
+    assert shown[..., 3].sum() == 255 * (MAP_ALPHAS * MAP_ANGLES - 1)
+
+
+def test_the_worst_configurations_of_a_cloud_can_be_copied_with_all_of_their_digits(opened):
+    page = opened("#case=cloud-dielectric-ggx-smith")
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_role("button", name="Copy the table").click()
+    expect(page.get_by_role("button", name="Copied")).to_be_visible()
+    rows = [line.split("\t") for line in page.evaluate("navigator.clipboard.readText()").split("\n")]
+    heads = ["of its bound", "view °", "light °", "roughness", "tint", "v", "l", "image", "reference"]
+    assert rows[0] == heads
+    assert rows[1][:5] == ["150 %", "36.9", "0.0", "0.053, 0.25", "1, not finite, 0.5"]
+    assert len(rows) == 3 and all(len(row) == len(heads) for row in rows)
+
+
+def test_a_page_without_a_clipboard_copies_too(opened):
+    page = opened("#case=cloud-dielectric-ggx-smith")
+    page.evaluate("Object.defineProperty(navigator, 'clipboard', { value: undefined })")
+    page.get_by_role("button", name="Copy the table").click()
+    expect(page.get_by_role("button", name="Copied")).to_be_visible()
+    assert page.locator("textarea").count() == 0
+
+
+def on_two_backends(folder) -> list[Outcome]:
+    """A case that passes on egl and fails on osmesa, one that osmesa cannot draw, and one that passes on both."""
+    cases = default_suite()
+    fine = compared(folder, "fine", 0.0, Tolerance(max_rel=1e-3))
+    wrong = compared(folder, "wrong", 3e-3, Tolerance(max_rel=1e-3))
+    broken = {"verdict": "error", "message": EVIL}
+    return [
+        outcome_of(case, backend, **known)
+        for case, results in zip(cases, ((fine, wrong), (fine, broken), (fine, fine)), strict=False)
+        for backend, known in zip(("egl", "osmesa"), results, strict=True)
+    ]
+
+
+def test_the_backends_of_one_case_share_a_card(tmp_path, opened):
+    write_report(tmp_path, ENVIRONMENT, on_two_backends(tmp_path), 1.0)
+    page = opened(of=tmp_path)
+    pills = [each.locator(".pill").all_text_contents() for each in page.locator(".card").all()]
+    assert pills == [["✕osmesa", "✓egl"], ["!osmesa", "✓egl"], ["✓pass"]]
+    expect(page.locator("#shown")).to_have_text("6 of 6 on 3 cards")
+    assert page.locator("#verdicts [data-verdict] b").all_text_contents() == ["1", "1", "4"]
+    page.locator(".card a").first.click()
+    page.wait_for_selector("#layer-map canvas")
+    expect(page.locator("#case-place")).to_have_text("1 of 3")
+    expect(page.locator("#case-verdict")).to_contain_text("fail")
+    assert page.locator("#backends button").all_text_contents() == ["✕ osmesa 300 %", "✓ egl 0.1 %"]
+    page.locator("#frame-render").focus()
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#probe-place b")).to_have_text("x 21, y 10")
+    page.locator("#backends button").last.click()
+    expect(page.locator("#case-verdict")).to_contain_text("pass")
+    expect(page.locator("#probe-place b")).to_have_text("x 21, y 10")
+    assert page.url.endswith("%40egl")
+    page.keyboard.press("ArrowRight")
+    expect(page.locator("#case-message")).to_have_text(EVIL)
+    page.keyboard.press("Escape")
+    page.locator("#filter-backend").select_option("egl")
+    expect(page.locator("#shown")).to_have_text("3 of 6")
+    assert page.locator(".card .pill").all_text_contents() == ["✓pass"] * 3
+
+
+def test_a_card_in_error_says_why_over_a_picture_too(tmp_path, opened):
+    write_report(tmp_path, ENVIRONMENT, on_two_backends(tmp_path), 1.0)
+    page = opened(of=tmp_path)
+    card = page.locator(".card").nth(1)
+    assert card.locator("img").count() == 2
+    expect(card.locator(".why")).to_have_text(EVIL)
+    assert page.locator(".card").nth(2).locator(".why").count() == 0
+
+
+def test_only_what_is_not_finite_is_called_so(tmp_path, opened):
+    exact = compared(tmp_path, "exact", 3e-3, Tolerance(max_rel=0.0))
+    assert exact["figures"].used == np.inf
+    lost = {**exact, "figures": replace(exact["figures"], max_rel=np.inf, max_abs=np.inf)}
+    huge = {**exact, "figures": replace(exact["figures"], used=12345.6)}
+    told = [
+        outcome_of(case, "egl", **known)
+        for case, known in zip(default_suite(), (exact, lost, huge), strict=False)
+    ]
+    write_report(tmp_path, ENVIRONMENT, told, 7384.0)
+    page = opened(of=tmp_path)
+    shares = {
+        case.name: page.locator(".card", has=page.get_by_text(case.name, exact=True)).locator(".number")
+        for case in told
+    }
+    assert [each.text_content() for each in shares.values()] == ["∞ ×", "not finite", "12 346 ×"]
+    expect(page.locator("#verdicts")).to_contain_text("2 h 3 min")
+    page.locator(".card a").first.click()
+    page.wait_for_selector("#layer-map canvas")
+    expect(page.locator("#facts h3").first).to_have_text(
+        re.compile("∞ × of its bound|Its error is not finite")
+    )
+
+
+def test_on_a_phone_the_slider_comes_first_until_another_is_chosen(opened):
+    page = opened("#case=passes", viewport={"width": 390, "height": 844})
+    page.wait_for_selector("#layer-map canvas")
+    assert page.locator("#mode-slider").get_attribute("aria-pressed") == "true"
+    expect(page.locator("#pane-reference")).not_to_be_visible()
+    page.locator("#mode-side").click()
+    page.evaluate("location.hash = '#case=passes+too'")
+    expect(page.locator("#case-name")).to_contain_text("passes too")
+    page.wait_for_selector("#layer-map canvas")
+    assert page.locator("#mode-side").get_attribute("aria-pressed") == "true"
+    wide = opened()
+    open_case(wide, "passes")
+    assert wide.locator("#mode-side").get_attribute("aria-pressed") == "true"
+
+
+def test_without_scenes_the_strip_has_renders_at_weight_0_beside_weight_1(tmp_path, opened):
+    known = compared(tmp_path, "fine", 0.0, Tolerance(max_rel=1e-3))
+    told = [outcome_of(default_suite()[0], "egl", **known) for _ in range(3)]
+    for each, name in zip(told, ("metal-a0.6-retro1", "metal-a0.6-retro0", "alone-retro0"), strict=True):
+        each.name = name
+    write_report(tmp_path, ENVIRONMENT, told, 1.0)
+    page = opened(of=tmp_path)
+    alts = page.locator("#scenes img").evaluate_all("all => all.map((each) => each.alt)")
+    assert alts == ["Render of metal-a0.6-retro0", "Render of metal-a0.6-retro1"]
+    page.locator("#scenes a").last.click()
+    expect(page.locator("#case-name")).to_contain_text("metal-a0.6-retro1")
 
 
 def test_the_numbers_are_loaded_when_a_case_is_looked_at(opened, browser, folder):
@@ -600,7 +760,7 @@ def test_a_render_without_a_reference_is_shown_alone(tmp_path, opened):
     assert page.locator(".pane:visible").count() == 2
 
 
-def test_a_partial_run_says_so_and_scenes_come_last(tmp_path, opened):
+def test_a_partial_run_says_so_and_scenes_come_first(tmp_path, opened):
     gallery = [{"title": "Cone", "caption": "by night", "image": "cone.png"}]
     environment = {**ENVIRONMENT, "partial": "it was interrupted", "gallery": gallery}
     (tmp_path / "cone.png").write_bytes(b"")
@@ -610,6 +770,7 @@ def test_a_partial_run_says_so_and_scenes_come_last(tmp_path, opened):
     expect(page.locator("#none")).to_contain_text("The run has no cases.")
     expect(page.locator("#scenes")).to_contain_text("by night")
     assert page.locator("#scenes img").get_attribute("alt") == "Cone"
+    assert page.locator("#scenes").bounding_box()["y"] < page.locator("#verdicts").bounding_box()["y"]
 
 
 # Two thousand cases
@@ -657,7 +818,7 @@ def test_of_a_large_report_the_page_loads_what_is_looked_at(large, browser):
     whole = (large / "report.json").stat().st_size
     assert (large / "index.html").stat().st_size < 0.4 * whole
     assert not [url for url in each.asked if "/cases/records/" in url]
-    expect(each.page.locator("#cloud-table tbody tr")).to_have_count(1)
+    expect(each.page.locator("#cloud-maps canvas")).to_have_count(2)
     open_case(each.page, "case 0000")
     expect(each.page.locator(".set-up")).to_contain_text("camera")
     expect(each.page.locator("#facts")).to_contain_text("99.9 % below")
@@ -738,9 +899,11 @@ def test_controls_have_names_and_pictures_have_words(opened):
     assert nameless == []
 
 
-@pytest.mark.parametrize("width", [420, 1400])
+@pytest.mark.parametrize("width", [390, 420, 1400])
 def test_nothing_reaches_beyond_the_window(opened, width):
     page = opened(viewport={"width": width, "height": 860})
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     open_case(page, "fails #1 100%")
     assert page.evaluate("view.dialog.scrollWidth") <= width
+    cloud = opened("#case=cloud-dielectric-ggx-smith", viewport={"width": width, "height": 860})
+    assert cloud.evaluate("view.dialog.scrollWidth") <= width

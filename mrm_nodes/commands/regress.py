@@ -101,7 +101,9 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
     metavar="ADDRESS",
     help="Run on a Dask cluster: its scheduler's tcp://host:port, or local for one of --jobs workers here.",
 )
-@click.option("--scenes", is_flag=True, help="Draw the scenes below the cases: some seconds more.")
+@click.option(
+    "--scenes", is_flag=True, help="Draw the scenes, to be shown above the cases: some seconds more."
+)
 @_results
 def regress(
     folder: Path,

@@ -30,6 +30,11 @@ CHUNK = 1 << 16
 """Configurations a draw: bounds the memory, and each draw has its own light."""
 DECADES = ((1e-3, 1e-2), (1e-2, 1e-1), (1e-1, 1.0))
 """Of the smaller alpha; configurations are spread evenly over them."""
+MAP_ALPHAS, MAP_ANGLES = 18, 18
+"""Cells of a cloud's maps: six to each decade of alpha, and each five degrees."""
+MOST_USED = 1e9
+"""What a map says of an error that is not finite, or larger."""
+WORST_KEPT = 8
 GEOMETRY = ("normal", "tangent")
 INPUT = "input "
 """Before the names of inputs, among the arrays of a cloud's points."""
@@ -96,8 +101,10 @@ class CloudResult:
     figures: Figures
     bounds: dict[str, float]
     decades: list[dict[str, Any]]
-    worst: dict[str, Any]
-    """The configuration that used most of its bound, to be looked at on its own."""
+    worst: list[dict[str, Any]]
+    """The configurations that used most of their bounds, the worst first, to be looked at on their own."""
+    maps: list[dict[str, Any]]
+    """The largest share of its bound in each cell of alpha and an angle to the normal: see `_maps`."""
     counts: dict[str, int] = field(default_factory=dict)
     render_seconds: float = 0.0
 
@@ -252,7 +259,7 @@ def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
     error = relative_error(points["image"], points["reference"])
     used = np.maximum(error / points["max_bound"], 0)
     used[~np.isfinite(used)] = np.inf
-    worst = int(np.argmax(used.max(-1)))
+    worst = np.argsort(-used.max(-1), kind="stable")[:WORST_KEPT]
     # The share of 99.9 % is owed in every decade, not only by all together.
     share = max(figures.used, *(_share_of_percentile(points, error, low, high) for low, high in DECADES))
     if share > 1:
@@ -262,15 +269,8 @@ def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
         figures=replace(figures, used=share),
         bounds=bounds.loosest(),
         decades=list(_by_decade(points, error)),
-        worst={
-            "used": float(used[worst].max()),
-            "inputs": {
-                name.removeprefix(INPUT): values[worst].tolist()
-                for name, values in points.items()
-                if name.startswith(INPUT)
-            },
-            **{name: points[name][worst].tolist() for name in ("view", "light", "image", "reference")},
-        },
+        worst=[_configuration(points, used, int(index)) for index in worst],
+        maps=list(_maps(points, used.max(-1))),
         counts={
             "lobe": int(np.sum(points["kind"] == LOBE)),
             "sphere": int(np.sum(points["kind"] == SPHERE)),
@@ -279,6 +279,40 @@ def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
             "above_floor": int(np.sum((points["reference"] > FLOOR).any(-1))),
         },
     )
+
+
+def _configuration(points: dict[str, NDArray[Any]], used: Array, index: int) -> dict[str, Any]:
+    """One configuration: what it used of its bound, its inputs, directions and values."""
+    return {
+        "used": float(used[index].max()),
+        "inputs": {
+            name.removeprefix(INPUT): values[index].tolist()
+            for name, values in points.items()
+            if name.startswith(INPUT)
+        },
+        **{name: points[name][index].tolist() for name in ("view", "light", "image", "reference")},
+    }
+
+
+def _maps(points: dict[str, NDArray[Any]], used: Array) -> Iterator[dict[str, Any]]:
+    """The largest share of its bound in each cell, without and with a thin film, by the view's angle and the light's.
+
+    `used` of each is a list of MAP_ANGLES rows from 0 to 90 degrees (lights below the horizon are in the last), each
+    of MAP_ALPHAS cells over the decades of the smaller alpha, to two digits; None where no configuration lies.
+    """
+    low, high = np.log10(DECADES[0][0]), np.log10(DECADES[-1][1])
+    column = np.floor((np.log10(points["alpha"]) - low) / (high - low) * MAP_ALPHAS)
+    for film in (False, True):
+        for angle in ("view", "light"):
+            degrees = np.degrees(np.arccos(np.clip(points[angle][:, 2], -1.0, 1.0)))
+            row = np.floor(degrees / 90.0 * MAP_ANGLES)
+            cell = np.clip(row, 0, MAP_ANGLES - 1) * MAP_ALPHAS + np.clip(column, 0, MAP_ALPHAS - 1)
+            inside = points["film"] == film
+            most = np.full(MAP_ANGLES * MAP_ALPHAS, -1.0)
+            np.maximum.at(most, cell[inside].astype(int), np.minimum(used[inside], MOST_USED))
+            cells = [None if each < 0 else float(f"{each:.1e}") for each in most]
+            rows = [cells[start : start + MAP_ALPHAS] for start in range(0, len(cells), MAP_ALPHAS)]
+            yield {"angle": angle, "film": film, "used": rows}
 
 
 def _share_of_percentile(points: dict[str, NDArray[Any]], error: Array, low: float, high: float) -> float:
@@ -340,4 +374,10 @@ def judge(cloud: Cloud, workshop: Workshop, outcome: Outcome, folder: Path) -> N
     outcome.seconds["reference"] += time.perf_counter() - start - result.render_seconds
     outcome.seconds["render"] += result.render_seconds
     outcome.verdict, outcome.figures, outcome.tolerance = result.verdict, result.figures, result.bounds
-    outcome.details = {"decades": result.decades, "worst": result.worst, "counts": result.counts}
+    outcome.details = {
+        "decades": result.decades,
+        "maps": result.maps,
+        "worst": result.worst[0],
+        "worst_configurations": result.worst,
+        "counts": result.counts,
+    }

@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.pictures import exposure_for
 
 Array = NDArray[np.float64]
+
+BRIGHTEST = 0.995
+"""Share of the lit values that FLIP, which knows no tone mapping, sees without clipping."""
 
 LUMINANCE = (0.2126, 0.7152, 0.0722)
 DARKEST = 2.0**-20
@@ -22,7 +24,7 @@ DARKEST = 2.0**-20
 
 
 def flip_map(image: ArrayLike, reference: ArrayLike, mask: ArrayLike) -> Array:
-    """FLIP at the exposure of the report's pictures, `(h, w)`: not tone-mapped, clipped to what a screen can show.
+    """FLIP at the reference's own exposure (`exposure_for`), `(h, w)`: not tone-mapped, clipped to what a screen shows.
 
     image, reference: `(h, w, 3)`, linear; mask: `(h, w)`, outside of which both are taken as black.
 
@@ -30,6 +32,15 @@ def flip_map(image: ArrayLike, reference: ArrayLike, mask: ArrayLike) -> Array:
     """
     exposure = exposure_for(np.asarray(reference)[np.asarray(mask, bool)])
     return _flip(image, reference, mask, "LDR", 2.0**exposure, {})
+
+
+def exposure_for(values: ArrayLike) -> float:
+    """Whole stops that bring the brightest values, outliers aside, to just below white."""
+    values = np.asarray(values)
+    lit = values[(values > 1e-6) & np.isfinite(values)]
+    if lit.size == 0:
+        return 0.0
+    return float(math.floor(-math.log2(float(np.quantile(lit, BRIGHTEST)))))
 
 
 def hdr_flip_map(image: ArrayLike, reference: ArrayLike, mask: ArrayLike) -> Array:

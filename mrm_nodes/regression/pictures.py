@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.files import write_text
+from mrm_nodes.render.exposure import auto_exposure
 from mrm_nodes.render.images import write_exr, write_png
 from mrm_nodes.render.tonemap import find_tonemap
 
@@ -26,11 +26,12 @@ HEAT_STOPS = ("#10142b", "#23346e", "#1f6f8b", "#2fa36b", "#b8cf3c", "#ffd23f")
 HEAT_OVER = "#ff1f5a"
 """Above the bound, or not finite."""
 
-BRIGHTEST = 0.995
-"""Share of the lit values that a picture shows without clipping."""
-
 SHOWN = find_tonemap("neutral")
-"""What pictures are tone-mapped by, the page's own too: for eyes only, verdicts are on the numbers."""
+"""What pictures are tone-mapped by, as `mrm-nodes render` does it, and the page's own too: for eyes only, verdicts are
+on the numbers."""
+
+HALF_MOST = 65504.0
+"""The largest that the page's 16 bits hold; what is finite and larger is kept at it."""
 
 
 def write_pictures(
@@ -61,7 +62,7 @@ def write_pictures(
         for name, values in (("render", image), ("reference", reference))
         if values is not None
     }
-    exposure = exposure_for(pixels.get("reference", pixels["render"])[mask])
+    exposure = _shared_exposure(pixels, mask)
     files: dict[str, str | float] = {"exposure": exposure}
     for name, shown in pixels.items():
         write_exr(folder / f"{name}.exr", shown)
@@ -102,7 +103,7 @@ def page_data(
     """
     bits = {name: np.ascontiguousarray(values).view(np.uint32) for name, values in pixels.items()}
     with np.errstate(over="ignore"):
-        halves = {name: np.asarray(values).astype(np.float16) for name, values in maps.items()}
+        halves = {name: _halved(np.asarray(values)) for name, values in maps.items()}
     parts: dict[str, NDArray[Any]] = {
         "render": bits["render"],
         **({"reference": bits["render"] ^ bits["reference"]} if "reference" in bits else {}),
@@ -120,19 +121,25 @@ def page_data(
     }
 
 
+def _halved(values: NDArray[Any]) -> NDArray[np.float16]:
+    """In 16 bits; only what is not finite is not finite there."""
+    return np.where(np.isfinite(values), np.minimum(values, HALF_MOST), values).astype(np.float16)
+
+
 def _shuffled(values: NDArray[Any]) -> bytes:
     """The first bytes of all values, then the second ones, and so on; little-endian."""
     little = np.ascontiguousarray(values, values.dtype.newbyteorder("<"))
     return little.view(np.uint8).reshape(-1, values.itemsize).T.tobytes()
 
 
-def exposure_for(values: ArrayLike) -> float:
-    """Whole stops that bring the brightest values, outliers aside, to just below white."""
-    values = np.asarray(values)
-    lit = values[(values > 1e-6) & np.isfinite(values)]
-    if lit.size == 0:
-        return 0.0
-    return float(math.floor(-math.log2(float(np.quantile(lit, BRIGHTEST)))))
+def _shared_exposure(pixels: Mapping[str, NDArray[np.float32]], mask: NDArray[np.bool_]) -> float:
+    """Stops at which render and reference are shown, both alike: those that the reference asks for, where it is lit."""
+    for name in ("reference", "render"):
+        if name in pixels:
+            stops = auto_exposure(pixels[name], mask.astype(np.float32), SHOWN.headroom)
+            if stops is not None:
+                return stops
+    return 0.0
 
 
 def heat_map(used: ArrayLike, mask: ArrayLike) -> Array:

@@ -140,6 +140,9 @@ def page(report: Mapping[str, Any], lines: Sequence[str]) -> str:
     text = _text(report, [_compact(_brief(each)) for each in cases] if is_large else lines)
     return environment.get_template("index.html.j2").render(
         report=report,
+        decades=DECADES,
+        heat=heat,
+        thousands=thousands,
         style=Markup(style),
         style_hash=_source_hash(style),
         script=Markup(script),
@@ -163,6 +166,11 @@ def _source_hash(text: str) -> str:
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
 
 
+def thousands(count: int) -> str:
+    """A whole number, its digits in groups of three."""
+    return f"{count:,}".replace(",", " ")
+
+
 def figure(value: float | None) -> str:
     """A measured number with two digits: 3.2e-06 as 3.2e-6."""
     if value is None:
@@ -174,9 +182,14 @@ def figure(value: float | None) -> str:
 
 
 def share(value: float | None) -> str:
-    """A share of a bound: in percent, or as so many times it."""
+    """A share of a bound: in percent, or as so many times it; None for more than any number.
+
+    That is so where the error is not finite, and where the bound is 0.
+    """
     if value is None or value == float("inf"):
-        return "not finite"
+        return "∞ ×"
+    if value >= 1e6:
+        return f"{figure(value)} ×"
     if value >= 10:
-        return f"{value:.0f} ×"
+        return f"{thousands(round(value))} ×"
     return f"{100 * value:.0f} %" if value >= 0.0095 else f"{100 * value:.1g} %"

@@ -145,7 +145,7 @@ def run_suite(
             (`Outcome.fault`), the case is run again.
         retry_errors: the same, and run again what ended in any error.
         cluster: where to run instead of in processes of this machine; `jobs` is its own affair then.
-        gallery: draws pictures into the folder, to be shown below the cases: title, caption and image of each.
+        gallery: draws pictures into the folder, to be shown above the cases: title, caption and image of each.
         on_partial: called with what report.json holds where the run ends before its end.
         on_compiled: as in `run_locally`.
 

@@ -7,7 +7,7 @@ const view = {
   each: null,
   pixels: null,
   mode: "side",
-  wanted: "side", // The mode that was chosen: a render alone is shown as it is.
+  wanted: null, // The mode that was chosen; a render alone is shown as it is.
   alone: false,
   map: null,
   colours: "picture",
@@ -28,14 +28,21 @@ const MAPS = {
   signed: { words: "signed error", offered: (pixels) => pixels.reference, paint: (pixels) => signedOf(pixels, signedLimit(pixels)), signed: true },
 };
 
+// Where there is no room for two pictures side by side, the slider has both in one.
+const narrow = matchMedia("(max-width: 760px)");
+
 function openCase(each) {
   stopFlicker();
+  // The same case on another backend is looked at where this one was.
+  const same = view.each && sameCase(view.each) === sameCase(each);
   view.each = each;
   view.pixels = null;
-  view.spot = null;
-  view.map = null;
   view.exposure = each.files.exposure ?? 0;
-  resetZoom();
+  if (!same) {
+    view.spot = null;
+    view.map = null;
+    resetZoom();
+  }
   byId("case-name").replaceChildren(each.name, el("small", {}, [each.node, each.target, each.backend, `truth: ${each.truth}`].join(" · ")));
   byId("case-verdict").replaceChildren(pill(each.verdict));
   byId("case-message").hidden = !each.message;
@@ -43,17 +50,27 @@ function openCase(each) {
   byId("case-message").textContent = each.message;
   byId("previous").disabled = !neighbour(-1);
   byId("next").disabled = !neighbour(1);
-  const place = wall.cases.indexOf(each);
+  showBackends(each);
+  const place = placeOf(each);
   byId("case-place").textContent = place < 0 ? "" : `${thousands(place + 1)} of ${thousands(wall.cases.length)}`;
   byId("facts").replaceChildren(...(isWhole(each) ? factsOf(each) : []));
   byId("source").hidden = true;
   showTrouble("");
   showImages(null);
   if (!view.dialog.open) view.dialog.showModal();
-  view.dialog.scrollTo(0, 0);
+  if (!same) view.dialog.scrollTo(0, 0);
   byId("images").hidden = !each.files.render;
   if (!isWhole(each)) loadWhole(each);
   else if (each.files.data) loadInto(each);
+}
+
+function showBackends(each) {
+  const results = everyResult.get(sameCase(each));
+  byId("backends").hidden = results.length < 2;
+  byId("backends").replaceChildren(...results.map((other) =>
+    el("button", { "aria-pressed": String(other === each), onclick: () => { go({ case: keyOf(other) }); openCase(other); } },
+      el("span", { class: other.verdict, "aria-hidden": "true" }, SIGNS[other.verdict]),
+      ` ${other.backend}${compared(other) ? ` ${usedText(other)}` : ` ${other.verdict}`}`)));
 }
 
 async function loadWhole(each) {
@@ -87,13 +104,13 @@ function showTrouble(text) {
 }
 
 function neighbour(step) {
-  return wall.cases[wall.cases.indexOf(view.each) + step] ?? null;
+  return wall.cases[placeOf(view.each) + step] ?? null;
 }
 
 function stepCase(step) {
   const next = neighbour(step);
   if (!next) return;
-  wall.current = wall.cases.indexOf(next);
+  wall.current = placeOf(next);
   go({ case: keyOf(next) });
   openCase(next);
 }
@@ -131,7 +148,7 @@ function showImages(pixels) {
   }
   if (pixels) view.spot ??= worstPixel(pixels);
   paintAll();
-  setMode(view.wanted);
+  setMode(view.wanted ?? (narrow.matches ? "slider" : "side"));
   showSpot();
 }
 
@@ -190,9 +207,13 @@ function chooseMap(name) {
 
 // Modes: three panes, or render and reference in one, wiped or in turn.
 
+function chooseMode(wanted) {
+  view.wanted = wanted;
+  setMode(wanted);
+}
+
 function setMode(wanted) {
   stopFlicker();
-  view.wanted = wanted;
   const mode = view.mode = view.alone ? "side" : wanted;
   for (const name of ["side", "slider", "flicker"]) {
     byId(`mode-${name}`).setAttribute("aria-pressed", String(name === mode));
@@ -250,6 +271,7 @@ function resetZoom() {
 function setZoom(factor, x, y) {
   const room = 1 - 1 / factor;
   view.zoom = { factor, x: Math.min(Math.max(x, 0), room), y: Math.min(Math.max(y, 0), room) };
+  byId("panes").classList.toggle("zoomed", factor > 1);
   const style = byId("panes").style;
   style.setProperty("--zoom", factor);
   style.setProperty("--x", view.zoom.x);
@@ -297,7 +319,8 @@ function showSpot() {
   const found = probe(pixels, spot.x, spot.y);
   const place = [el("b", {}, `x ${found.x}, y ${found.y}`)];
   if (!found.inside) place.push("beside the mesh");
-  if (found.inside && found.used !== undefined) place.push(`${share(found.used)} of its bound`);
+  const most = found.used === HALF_MOST ? "at least " : "";
+  if (found.inside && found.used !== undefined) place.push(`${most}${share(found.used)} of its bound`);
   if (found.inside && found.flip !== undefined) place.push(` · FLIP ${found.flip.toFixed(3)}`);
   byId("probe-place").replaceChildren(...place);
   for (const [row, values, write] of [["render", found.render, float32Text], ["reference", found.reference, float32Text], ["error", found.error, figure]]) {
@@ -360,9 +383,10 @@ function listenToFrame(frame) {
 function factsOf(each) {
   const facts = [];
   if (each.details.decades) facts.push(cloudFacts(each));
+  if (each.details.worst_configurations) facts.push(worstFacts(each.details.worst_configurations));
   else if (compared(each)) facts.push(figureFacts(each));
   facts.push(el("section", { class: "set-up" }, el("h3", {}, "Set-up"), tree(each.setup)));
-  const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "worst"].includes(name)));
+  const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "maps", "worst", "worst_configurations"].includes(name)));
   const files = ["render_data", "reference_data", "source"].filter((name) => each.files[name]);
   facts.push(
     el("section", {}, el("h3", {}, "Truth and files"),
@@ -372,11 +396,12 @@ function factsOf(each) {
         : null),
     timeFacts(each),
   );
-  if (each.details.worst) facts.push(el("section", {}, el("h3", {}, "The configuration that used most of its bound"), tree(each.details.worst)));
   return facts;
 }
 
 const NAMES = { max_rel: "largest error", p999_rel: "99.9 % below", rmse: "RMSE", flip: "FLIP, mean", hdr_flip: "HDR-FLIP, mean", max_abs: "largest difference" };
+
+const boundText = (each) => (usedText(each) === "not finite" ? "Its error is not finite" : `${usedText(each)} of its bound`);
 
 function figureFacts(each) {
   const rows = Object.entries(NAMES)
@@ -387,7 +412,7 @@ function figureFacts(each) {
   return el(
     "section",
     {},
-    el("h3", {}, `${share(each.used)} of its bound`, each.uncertainty ? ` ± ${share(each.uncertainty)}` : ""),
+    el("h3", {}, boundText(each), each.uncertainty ? ` ± ${share(each.uncertainty)}` : ""),
     usedBar(each.used, each.verdict),
     el("table", { class: "figures" }, el("thead", {}, el("tr", {}, el("th"), el("th", { scope: "col" }, "measured"), el("th", { scope: "col" }, each.truth === "physics" ? "bound, up to" : "bound"))), el("tbody", {}, rows)),
     el("p", { class: "quiet" }, `${thousands(each.pixels)} pixels, ${thousands(each.lit)} lit${each.notices ? `; would notice ${share(each.notices)}` : ""}`),
@@ -395,9 +420,71 @@ function figureFacts(each) {
 }
 
 function cloudFacts(each) {
-  return el("section", { class: "wide" }, el("h3", {}, `${share(each.used)} of its bound`), usedBar(each.used, each.verdict),
+  return el("section", { class: "wide" }, el("h3", {}, boundText(each)), usedBar(each.used, each.verdict),
+    each.details.maps ? mapFacts(each.details.maps) : null,
     el("p", { class: "quiet" }, "Largest relative error, what 99.9 % stay below, and the share of their bounds."),
     el("div", { class: "facts" }, PAGE.decades.map(([low, high]) => el("div", {}, el("b", { class: "number" }, `alpha ${low} … ${high}`), decadesOf(each, low)))));
+}
+
+// Small multiples: one scale for all, so that they can be compared.
+function mapFacts(maps) {
+  const alphas = [PAGE.decades[0][0], ...PAGE.decades.map((decade) => decade[1])];
+  return [
+    el("p", { class: "quiet" }, "The largest share of its bound in each cell of the smaller alpha and of an angle to the normal. A light below the horizon counts at 90°. The verdict asks for the 99.9th percentile too, below."),
+    el("div", { class: "maps" }, maps.map(({ angle, film, used }) => {
+      const most = `at most ${share(worstOf([{ used }]))}`;
+      const which = `${film ? "with" : "without"} a film`;
+      return el("figure", { class: "multiple" },
+        el("figcaption", {}, el("b", {}, `the ${angle}'s angle`), ` · ${which}`),
+        el("div", { class: "grid" },
+          el("div", { class: "axis up" }, ["90°", "60°", "30°", "0°"].map((text) => el("span", {}, text))),
+          mapCanvas(used, `Share of the bound by alpha and the ${angle}'s angle, ${which}, ${most}`),
+          el("div", { class: "axis along" }, alphas.map((alpha) => el("span", {}, alpha)))),
+        el("div", { class: "quiet" }, `alpha · ${most}`));
+    })),
+    el("div", { class: "legend" }, el("div", { class: "scale" }, el("i", {}), el("i", { class: "over" })),
+      el("div", { class: "ends" }, MAPS.used.ends.map((end) => el("span", {}, end)))),
+  ];
+}
+
+// Each with all of its digits, so that it can be evaluated on its own.
+
+const degreesOf = (direction) => (180 / Math.PI) * Math.acos(Math.min(Math.max(direction[2], -1), 1));
+const listed = (value) => (Array.isArray(value) ? value : [value]).map((each) => (each === null ? "not finite" : float32Text(each))).join(", ");
+
+function worstFacts(rows) {
+  const inputs = Object.keys(rows[0].inputs);
+  const heads = ["of its bound", "view °", "light °", ...inputs, "v", "l", "image", "reference"];
+  const cells = rows.map((row) => [
+    share(row.used), degreesOf(row.view).toFixed(1), degreesOf(row.light).toFixed(1), ...inputs.map((name) => listed(row.inputs[name])),
+    listed(row.view), listed(row.light), listed(row.image), listed(row.reference),
+  ]);
+  const copy = el("button", {}, "Copy the table");
+  copy.addEventListener("click", async () => {
+    const text = [heads, ...cells].map((row) => row.join("\t")).join("\n");
+    copy.textContent = (await copyText(text)) ? "Copied" : "Select it, and copy it by hand";
+  });
+  return el("section", { class: "wide" }, el("h3", {}, "Its worst configurations"),
+    el("p", { class: "quiet" }, "Directions point away from the surface: normal +z, tangent +x. Numbers are float32 in full."),
+    el("p", {}, copy),
+    el("div", { class: "scroll", tabindex: "0" }, el("table", { class: "worst" },
+      el("thead", {}, el("tr", {}, heads.map((head) => el("th", { scope: "col" }, head)))),
+      el("tbody", {}, cells.map((row) => el("tr", {}, row.map((cell) => el("td", { class: "number" }, cell))))))));
+}
+
+// A page from a disk may have no clipboard; selected text can be copied there, too.
+async function copyText(text) {
+  try {
+    await navigator.clipboard.writeText(text);
+    return true;
+  } catch {
+    const field = el("textarea", { readonly: true, "aria-label": "What is copied" }, text);
+    view.dialog.append(field);
+    field.select();
+    const copied = document.execCommand("copy");
+    field.remove();
+    return copied;
+  }
 }
 
 function timeFacts(each) {

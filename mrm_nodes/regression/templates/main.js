@@ -7,7 +7,7 @@ function follow() {
   showWall();
   const each = state.case === null ? null : findCase(state.case);
   if (each) {
-    wall.current = Math.max(0, wall.cases.indexOf(each));
+    wall.current = Math.max(0, placeOf(each));
     openCase(each);
   } else closeCase();
   byId("unknown").hidden = !(state.case && !each);
@@ -43,7 +43,7 @@ view.dialog.addEventListener("close", () => {
 byId("close").addEventListener("click", closeCase);
 byId("previous").addEventListener("click", () => stepCase(-1));
 byId("next").addEventListener("click", () => stepCase(1));
-for (const mode of ["side", "slider", "flicker"]) byId(`mode-${mode}`).addEventListener("click", () => setMode(mode));
+for (const mode of ["side", "slider", "flicker"]) byId(`mode-${mode}`).addEventListener("click", () => chooseMode(mode));
 byId("darker").addEventListener("click", () => expose(-1));
 byId("brighter").addEventListener("click", () => expose(1));
 byId("false").addEventListener("click", toggleColours);
@@ -60,9 +60,9 @@ byId("help-close").addEventListener("click", () => byId("help").close());
 const IN_CASE = {
   ArrowLeft: () => stepCase(-1),
   ArrowRight: () => stepCase(1),
-  b: () => setMode("side"),
-  s: () => setMode(view.mode === "slider" ? "side" : "slider"),
-  f: () => (view.mode === "flicker" && still.matches ? turn() : setMode(view.mode === "flicker" ? "side" : "flicker")),
+  b: () => chooseMode("side"),
+  s: () => chooseMode(view.mode === "slider" ? "side" : "slider"),
+  f: () => (view.mode === "flicker" && still.matches ? turn() : chooseMode(view.mode === "flicker" ? "side" : "flicker")),
   e: () => chooseMap(),
   c: toggleColours,
   "+": () => expose(1),
@@ -94,7 +94,7 @@ addEventListener("keydown", (event) => {
     IN_CASE[event.key]();
   } else if (event.key === "/") byId("search").select();
   else if (field) moveTo(wall.current);
-  else if (event.key in ON_WALL && !event.target.closest(".scroll, .tile")) ON_WALL[event.key]();
+  else if (event.key in ON_WALL && !event.target.closest(".scroll, .scenes, .tile")) ON_WALL[event.key]();
   else return;
   event.preventDefault();
 });

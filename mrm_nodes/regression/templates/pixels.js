@@ -70,6 +70,8 @@ function unshuffle(bytes, count, size) {
   return words;
 }
 
+const HALF_MOST = 65504; // What is finite and larger is kept at it.
+
 function halfToNumber(bits) {
   const sign = bits & 0x8000 ? -1 : 1;
   const exponent = (bits >> 10) & 31;
@@ -109,14 +111,20 @@ function figure(value) {
   return `${mantissa}e${Number(exponent)}`;
 }
 
+const thousands = (count) => String(count).replace(/\B(?=(\d{3})+$)/g, " ");
+
+// More than any number: the error is not finite, or its bound is 0.
 function share(value) {
-  if (value === null || value === undefined || !Number.isFinite(value)) return "not finite";
-  if (value >= 10) return `${value.toFixed(0)} ×`;
+  if (value === null || value === undefined || !Number.isFinite(value)) return "∞ ×";
+  if (value >= 1e6) return `${figure(value)} ×`;
+  if (value >= 10) return `${thousands(value.toFixed(0))} ×`;
   if (value >= 0.0095) return `${(100 * value).toFixed(0)} %`;
   return value === 0 ? "0 %" : `${Number((100 * value).toPrecision(1))} %`;
 }
 
 function seconds(value) {
+  if (value >= 3600) return `${thousands(Math.floor(value / 3600))} h ${Math.floor(value / 60) % 60} min`;
+  if (value >= 120) return `${Math.floor(value / 60)} min ${Math.floor(value) % 60} s`;
   return value >= 1 ? `${value.toFixed(1)} s` : `${(1000 * value).toFixed(0)} ms`;
 }
 
@@ -131,7 +139,8 @@ function float32Text(value) {
 }
 
 function stops(value) {
-  return `${value > 0 ? "+" : value < 0 ? "−" : ""}${Math.abs(value)} ${Math.abs(value) === 1 ? "stop" : "stops"}`;
+  const size = Number(Math.abs(value).toFixed(2));
+  return `${value > 0 ? "+" : value < 0 ? "−" : ""}${size} ${size === 1 ? "stop" : "stops"}`;
 }
 
 const RAISED = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };
@@ -184,6 +193,19 @@ function heatOf(pixels) {
     if (values[at] <= 1) ramp(HEAT, 1 + Math.log10(values[at]) / PAGE.heat.decades, out);
     else out.set(OVER);
   });
+}
+
+// A cloud's map, the angle upwards and alpha to the right; cells without a configuration stay transparent.
+function cloudPicture(rows) {
+  const picture = new ImageData(rows[0].length, rows.length);
+  rows.forEach((row, up) => row.forEach((used, x) => {
+    if (used === null) return;
+    const at = 4 * ((rows.length - 1 - up) * row.length + x);
+    if (used <= 1) ramp(HEAT, 1 + Math.log10(used) / PAGE.heat.decades, picture.data.subarray(at, at + 3));
+    else picture.data.set(OVER, at);
+    picture.data[at + 3] = 255;
+  }));
+  return picture;
 }
 
 function flipOf(pixels) {

@@ -19,11 +19,10 @@ function el(tag, attributes = {}, ...children) {
 const byId = (id) => document.getElementById(id);
 const SIGNS = { pass: "✓", fail: "✕", error: "!", undecided: "?", skipped: "–" };
 const COUNTS = { fail: "failed", error: "errors", undecided: "undecided", pass: "passed", skipped: "skipped" };
-const thousands = (count) => String(count).replace(/\B(?=(\d{3})+$)/g, " ");
 const address = (path) => path.split("/").map(encodeURIComponent).join("/");
 
-function pill(verdict) {
-  return el("span", { class: `pill ${verdict}` }, el("span", { "aria-hidden": "true" }, SIGNS[verdict]), verdict);
+function pill(verdict, words = verdict) {
+  return el("span", { class: `pill ${verdict}`, title: words === verdict ? null : `${words}: ${verdict}` }, el("span", { "aria-hidden": "true" }, SIGNS[verdict]), words);
 }
 
 function usedBar(share, verdict) {
@@ -39,7 +38,16 @@ for (const each of CASES) sharing.set(each.name, (sharing.get(each.name) ?? 0) +
 const keyOf = (each) => (sharing.get(each.name) > 1 ? `${each.name}@${each.backend}` : each.name);
 const findCase = (key) =>
   CASES.find((each) => keyOf(each) === key) ?? CASES.find((each) => each.name === key) ?? null;
+// The results of one case on several backends share a card.
+const sameCase = (each) => JSON.stringify([each.name, each.kind, each.node, each.target]);
+const together = (cases) => {
+  const groups = new Map();
+  for (const each of cases) groups.set(sameCase(each), [...(groups.get(sameCase(each)) ?? []), each]);
+  return groups;
+};
+const everyResult = together(CASES);
 const compared = (each) => each.used !== undefined;
+const usedText = (each) => (each.used === null && each.max_rel === null ? "not finite" : share(each.used));
 const totalSeconds = (each) => Object.values(each.seconds).reduce((sum, part) => sum + part, 0);
 
 // Of a large report the page holds what the wall shows; a case's record comes with its piece, when it is looked at.
@@ -129,7 +137,8 @@ function chosen(ignoring = null) {
 
 // The wall: cards of one size in rows, of which only those near the window are in the document.
 
-const wall = { element: byId("wall"), cases: [], columns: 1, current: 0, cards: new Map() };
+const wall = { element: byId("wall"), cases: [], groups: [], places: new Map(), columns: 1, current: 0, cards: new Map() };
+const placeOf = (each) => wall.places.get(each) ?? -1;
 const CARD = { width: 276, height: 240, gap: 14 };
 const rowHeight = CARD.height + CARD.gap;
 
@@ -159,7 +168,7 @@ function fillWall() {
   for (const index of [...wanted].sort((a, b) => a - b)) {
     let card = wall.cards.get(index);
     if (!card) {
-      card = makeCard(wall.cases[index], index);
+      card = makeCard(wall.groups[index], index);
       const next = after.find((other) => other > index);
       wall.element.insertBefore(card, next === undefined ? null : wall.cards.get(next));
       wall.cards.set(index, card);
@@ -171,28 +180,67 @@ function fillWall() {
   }
 }
 
-function makeCard(each, index) {
-  const pictures = ["render", "error"].filter((name) => each.files[name]);
+function makeCard(group, index) {
+  const each = group[0];
+  // A backend that drew nothing borrows the other's picture, and says why below it.
+  const pictured = group.find((other) => other.files.render) ?? each;
+  const pictures = ["render", "error"].filter((name) => pictured.files[name]);
   const alt = { render: `Render of ${each.name}`, error: `Error of ${each.name}` };
-  const thumbs = pictures.length
-    ? pictures.map((name) => el("img", { loading: "lazy", decoding: "async", src: address(each.files[name]), alt: alt[name] }))
-    : el("p", { class: `words ${each.verdict}` }, el("span", {}, each.message || decadesInWords(each) || "No pictures."));
+  const told = each.verdict === "pass" ? "" : each.message;
+  let thumbs = el("p", { class: `words ${each.verdict}` }, el("span", {}, each.message || decadesInWords(each) || WORDLESS[each.verdict]));
+  if (each.details.maps) thumbs = cardMaps(each.details.maps);
+  else if (pictures.length) {
+    thumbs = pictures.map((name) => el("img", { loading: "lazy", decoding: "async", src: address(pictured.files[name]), alt: alt[name] }));
+  }
+  const why = told && (each.details.maps || pictures.length) ? el("p", { class: `why ${each.verdict}`, title: told }, el("span", {}, told)) : null;
+  const agree = group.every((other) => other.verdict === each.verdict);
+  const pills = agree ? [pill(each.verdict)] : group.map((other) => pill(other.verdict, other.backend));
+  const backends = group.map((other) => other.backend).join(", ");
   return el(
     "article",
     { class: "card", role: "listitem", "aria-posinset": index + 1, "aria-setsize": wall.cases.length },
     el(
       "a",
       { href: addressOf({ case: keyOf(each) }), "data-index": index },
-      el("div", { class: "thumbs" }, thumbs),
+      el("div", { class: "thumbs" }, thumbs, why),
       el(
         "div",
         { class: "about" },
         el("b", { title: each.name }, each.name),
-        el("small", {}, [each.node, each.target, each.backend, each.truth === "physics" ? null : each.truth].filter(Boolean).join(" · ")),
-        el("div", { class: "foot" }, pill(each.verdict), ...(compared(each) ? [usedBar(each.used, each.verdict), el("span", { class: "number" }, share(each.used))] : [])),
+        el("small", {}, [each.node, each.target, backends, each.truth === "physics" ? null : each.truth].filter(Boolean).join(" · ")),
+        el("div", { class: "foot" }, pills, ...(compared(each) ? [usedBar(each.used, each.verdict), el("span", { class: "number" }, usedText(each))] : [])),
       ),
     ),
   );
+}
+
+const WORDLESS = { pass: "No pictures.", fail: "No pictures.", error: "It ended without a word; the terminal may have more.", undecided: "No pictures.", skipped: "It was not run." };
+
+// Clouds: the largest share of the bound by alpha and by angle, small multiples without and with a thin film.
+
+const MOST_USED = 1e9; // A map's cell has no more: as in cloud.py.
+function worstOf(maps) {
+  const most = maps.flatMap((map) => map.used.flat()).reduce((most, used) => Math.max(most, used ?? 0), 0);
+  return most < MOST_USED ? most : Infinity;
+}
+
+// Over all films: what a card has room for.
+function overFilms(maps, angle) {
+  const [first, ...others] = maps.filter((map) => map.angle === angle).map((map) => map.used);
+  const larger = (a, b) => (a === null ? b : b === null ? a : Math.max(a, b));
+  return others.reduce((sum, rows) => sum.map((row, y) => row.map((used, x) => larger(used, rows[y][x]))), first);
+}
+
+function mapCanvas(rows, words) {
+  const canvas = el("canvas", { width: rows[0].length, height: rows.length, role: "img", "aria-label": words });
+  canvas.getContext("2d").putImageData(cloudPicture(rows), 0, 0);
+  return canvas;
+}
+
+function cardMaps(maps) {
+  return ["view", "light"].map((angle) =>
+    el("div", { class: "map" }, mapCanvas(overFilms(maps, angle), `Share of the bound by alpha and the ${angle}'s angle, at most ${share(worstOf(maps))}`),
+      el("span", { class: "tag left" }, `${angle} 90°`), el("span", { class: "tag foot-left" }, "0°"), el("span", { class: "tag foot-right" }, "alpha →")));
 }
 
 function decadesInWords(each) {
@@ -205,7 +253,10 @@ function decadesInWords(each) {
 }
 
 function showWall() {
-  wall.cases = chosen();
+  const results = chosen();
+  wall.groups = [...together(results).values()];
+  wall.cases = wall.groups.map((group) => group[0]);
+  wall.places = new Map(wall.groups.flatMap((group, index) => group.map((each) => [each, index])));
   wall.current = Math.max(0, Math.min(wall.current, wall.cases.length - 1));
   wall.element.replaceChildren();
   wall.cards.clear();
@@ -213,7 +264,8 @@ function showWall() {
   byId("none").hidden = wall.cases.length > 0;
   byId("none-why").textContent = CASES.length ? "No case matches these filters." : "The run has no cases.";
   byId("clear").hidden = !CASES.length;
-  byId("shown").textContent = `${thousands(wall.cases.length)} of ${thousands(CASES.length)}`;
+  const shared = results.length > wall.cases.length ? ` on ${thousands(wall.cases.length)} cards` : "";
+  byId("shown").textContent = `${thousands(results.length)} of ${thousands(CASES.length)}${shared}`;
   showFilters();
   if (state.q && !CASES.every(isWhole)) searchSetups();
 }
@@ -272,9 +324,9 @@ function makeFilters() {
     );
     if (count) byId("spread").append(el("i", { class: verdict, "--count": count }));
   }
-  const worst = CASES.filter(compared).reduce((most, each) => Math.max(most, each.used ?? Infinity), -1);
+  const worst = CASES.filter(compared).reduce((most, each) => (most && (most.used ?? Infinity) >= (each.used ?? Infinity) ? most : each), null);
   const facts = [[seconds(PAGE.report.summary.seconds), "in all"]];
-  if (worst >= 0) facts.unshift([share(worst), "of its bound, at worst"]);
+  if (worst) facts.unshift([usedText(worst), usedText(worst) === "not finite" ? "at worst" : "of its bound, at worst"]);
   byId("verdicts").append(...facts.map(([value, words]) => el("div", { class: "tile" }, el("b", {}, value), el("span", {}, words))));
 }
 
@@ -312,28 +364,44 @@ function makeTables() {
   byId("skips").hidden = !skipped.size;
   for (const [key, count] of skipped) byId("skips").append(el("div", {}, `${thousands(count)} skipped on ${key}`));
 
-  const clouds = CASES.filter((each) => each.details.decades);
+  const clouds = [...together(CASES.filter((each) => each.details.decades)).values()];
   byId("clouds").hidden = !clouds.length;
-  const heads = PAGE.decades.map(([low, high]) => el("th", { scope: "col" }, `alpha ${low} … ${high}`));
-  byId("cloud-table").append(
-    el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Cloud"), el("th", { scope: "col" }, "Verdict"), heads)),
-    el("tbody", {}, clouds.map((each) => el("tr", {}, cloudHead(each), el("td", {}, pill(each.verdict), el("br"), el("span", { class: "quiet" }, each.backend)), PAGE.decades.map(([low]) => el("td", {}, decadesOf(each, low)))))),
-  );
+  byId("cloud-maps").append(...clouds.map(([each]) => cloudFigure(each)));
 
   const rows = [["time by stage", Object.entries(PAGE.seconds).map(([stage, time]) => `${stage} ${seconds(time)}`).join(", ")], ...flatten(environment, ["gallery", "partial"])];
   byId("environment").append(...rows.map(([name, value]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "number" }, value))));
 
   const gallery = environment.gallery ?? [];
-  byId("gallery").hidden = !gallery.length;
-  byId("scenes").append(
-    ...gallery.map(({ title, caption, image }) =>
-      el("figure", {}, el("img", { loading: "lazy", src: address(image), alt: title }), el("figcaption", {}, el("b", {}, title), caption ? ` ${caption}` : ""))),
-  );
+  const strip = gallery.length ? gallery.map(sceneFigure) : pairFigures();
+  byId("gallery").hidden = !strip.length;
+  byId("scenes").append(...strip);
 }
 
-function cloudHead(each) {
-  return el("td", {}, el("a", { href: addressOf({ case: keyOf(each) }) }, el("b", {}, each.node)), el("br"),
-    el("span", { class: "quiet" }, `${each.setup.distribution}, ${each.setup.masking} · ${thousands(each.setup.configurations)}`));
+function sceneFigure({ title, caption, image }) {
+  return el("figure", {}, el("a", { href: address(image) }, el("img", { src: address(image), alt: title })),
+    el("figcaption", { title: caption ?? null }, el("b", {}, title), caption ? ` ${caption}` : ""));
+}
+
+// Without scenes: of each node a render at weight 0 beside the one at weight 1, where the suite has such a pair.
+const PAIR = "-retro0";
+function pairFigures() {
+  const drawn = new Map(CASES.filter((each) => each.files.render).map((each) => [`${each.name}\n${each.node}`, each]));
+  const pairs = new Map();
+  for (const one of drawn.values()) {
+    const other = one.name.endsWith(PAIR) && drawn.get(`${one.name.slice(0, -1)}1\n${one.node}`);
+    if (other && (!pairs.has(one.node) || one.name.includes("a0.25"))) pairs.set(one.node, [one, other]);
+  }
+  return [...pairs].map(([node, pair]) =>
+    el("figure", {},
+      pair.map((each) => el("a", { href: addressOf({ case: keyOf(each) }) }, el("img", { src: address(each.files.render), alt: `Render of ${each.name}` }))),
+      el("figcaption", {}, el("b", {}, node), " retroreflectivity 0 and 1, one light")));
+}
+
+function cloudFigure(each) {
+  const { distribution, masking, configurations } = each.setup;
+  return el("figure", {},
+    el("a", { href: addressOf({ case: keyOf(each) }) }, each.details.maps ? cardMaps(each.details.maps) : decadesInWords(each)),
+    el("figcaption", {}, el("b", {}, each.node), el("br"), `${distribution}, ${masking} · ${thousands(configurations)} · ${usedText(each)}`));
 }
 
 function decadesOf(each, low) {
@@ -357,5 +425,12 @@ function flatten(tree, without = []) {
 
 function words(value) {
   if (Array.isArray(value)) return value.map(words).join(", ");
+  if (typeof value === "number") return numberText(value);
   return value !== null && typeof value === "object" ? JSON.stringify(value) : String(value);
+}
+
+// Counts in groups of three; what is a float32 with the digits that it has.
+function numberText(value) {
+  if (Number.isInteger(value)) return Math.abs(value) >= 10000 ? thousands(value) : String(value);
+  return Math.fround(value) === value ? float32Text(value) : String(value);
 }

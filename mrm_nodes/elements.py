@@ -216,6 +216,8 @@ def _check_port(port: mx.Input | mx.Output, where: str, defining: Set[str]) -> N
             f"which does not exist here or is no {kind}"
         )
     node = port.getParent()
+    if text and isinstance(port, mx.Input) and isinstance(node, mx.Node):
+        _warn_of_geometry(port, node, where)
     if text and kind == "string" and isinstance(port, mx.Input) and isinstance(node, mx.Node):
         declared = node.getNodeDef().getActiveInput(port.getName())
         choices = declared.getAttribute("enum") if declared is not None else ""
@@ -273,6 +275,17 @@ def _is_number(port: mx.Input | mx.Output, where: str) -> bool:
             told = f"{_place(port, where)}: {number} is read as {read[0]}"
             warnings.warn(told, MrmWarning, stacklevel=5)
     return True
+
+
+def _warn_of_geometry(port: mx.Input, node: mx.Node, where: str) -> None:
+    """MaterialX's generators pass over a value where an input takes the geometry's."""
+    if any(port.hasAttribute(each) for each in ("nodename", "nodegraph", "interfacename")):
+        return
+    declared = node.getNodeDef().getActiveInput(port.getName())
+    taken = declared.getAttribute("defaultgeomprop") if declared is not None else ""
+    if taken:
+        told = f"{_place(port, where)}: its value is ignored, MaterialX takes {taken}: connect a node"
+        warnings.warn(told, MrmWarning, stacklevel=5)
 
 
 def _warn_of_clamping(port: mx.Input, where: str) -> None:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import diffuse, fresnel, layers
-from mrm_nodes.reference.checks import scalar
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
 from mrm_nodes.regression.compare import (
@@ -166,7 +165,7 @@ class _Placed:
             case closure.Nothing(opaque):
                 return _Part.nothing(v, 0.0 if opaque else 1.0)
             case closure.Mix(fg, bg, amount):
-                share = scalar("amount", self._number(amount), 0.0, 1.0)
+                share = self._number(amount)[..., None]
                 return self.judge(fg, v, l, cosine).mixed(self.judge(bg, v, l, cosine), share)
             case closure.Add(in1, in2):
                 return self.judge(in1, v, l, cosine).added(self.judge(in2, v, l, cosine))
@@ -187,7 +186,13 @@ class _Placed:
         points = self._points
         normal = points.normal if values["normal"] is None else values["normal"]
         tangent = points.tangent if values.get("tangent") is None else values["tangent"]
-        view, frame = shading_frame(points.position, normal, tangent, points.eye)
+        _check_normal(lobe, values["normal"])
+        with np.errstate(invalid="ignore"):
+            view, frame = shading_frame(points.position, normal, tangent, points.eye)
+        if not np.isfinite(frame).all():
+            raise MrmError(
+                f"{lobe.path}: its tangent is zero or along its normal, and MaterialX divides by it"
+            )
         try:
             placed = kind(lobe.node, _as_ours(lobe, values), frame)
         except ValueError as error:
@@ -197,6 +202,22 @@ class _Placed:
                 self._estimates[lobe.path] = _around(placed, view, self._environment)
             placed.around = self._estimates[lobe.path]
         return placed
+
+
+UNIT_LENGTH = 1e-5
+"""How far from 1 the length of a normal may be that counts as one."""
+
+
+def _check_normal(lobe: Lobe, normal: Array | None) -> None:
+    """MaterialX's nodes take a normal as it is: a longer or shorter one is no surface's."""
+    if normal is None:
+        return
+    length = np.linalg.norm(normal, axis=-1)
+    if np.any(np.abs(length - 1.0) > UNIT_LENGTH):
+        raise MrmError(
+            f"{lobe.path}/normal is {length.min():.3g} to {length.max():.3g} long, and MaterialX takes it as it is: "
+            f'put a normalize node before it, or give the case truth = "baseline"'
+        )
 
 
 def _check_roughness(lobe: Lobe, values: Mapping[str, Any]) -> None:
@@ -248,7 +269,9 @@ class _Response(layers.Closure):
         self.node = node
         self.values = values
         self.frame = frame
-        self.weight = as_float32(values["weight"])
+        given = as_float32(values["weight"])
+        # MaterialX's nodes return at once below this.
+        self.weight = np.where(given < LEAKED_COSINE, 0.0, given)
         self.lobe = None if node == DIFFUSE_NODE else evaluator(_our_name(node), values)
 
     def eval(self, v: Any, l: Any) -> Array:  # noqa: E741
@@ -307,20 +330,23 @@ class _Part:
         return _Part(none, none, none, np.full(v.shape, through), none, none)
 
     def mixed(self, bg: _Part, amount: Array) -> _Part:
-        """As the foreground of a mix."""
+        """As the foreground of a mix. MaterialX does not clamp `amount`, `(n, 1)` or `(1,)`."""
         less = 1.0 - amount
 
-        def blend(front: Array, back: Array, rounding: Array | float = 0.0) -> Array:
-            return np.asarray(front * amount + back * less + rounding)
+        def blend(front: Array, back: Array) -> Array:
+            return np.asarray(front * amount + back * less)
+
+        def errors(front: Array, back: Array, rounding: Array | float) -> Array:
+            return np.asarray(front * np.abs(amount) + back * np.abs(less) + rounding)
 
         shift = MIX_ROUNDING * (np.abs(self.value) + np.abs(bg.value))
         return _Part(
             blend(self.value, bg.value),
-            blend(self.most, bg.most, shift),
-            blend(self.usual, bg.usual, shift),
+            errors(self.most, bg.most, shift),
+            errors(self.usual, bg.usual, shift),
             blend(self.through, bg.through),
-            blend(self.through_most, bg.through_most, MIX_ROUNDING),
-            blend(self.through_usual, bg.through_usual, MIX_ROUNDING),
+            errors(self.through_most, bg.through_most, MIX_ROUNDING),
+            errors(self.through_usual, bg.through_usual, MIX_ROUNDING),
         )
 
     def added(self, other: _Part) -> _Part:

@@ -40,7 +40,8 @@ def evaluator(node: str, values: Mapping[str, Any], compensated: bool = True) ->
         "distribution": values["distribution"],
         "masking": values["masking"],
         "energy_compensation": host().compensation if compensated else None,
-        "thinfilm_thickness": as_float32(values["thinfilm_thickness"]),
+        # As MaterialX has it: no film.
+        "thinfilm_thickness": np.maximum(as_float32(values["thinfilm_thickness"]), 0.0),
         "thinfilm_ior": as_float32(values["thinfilm_ior"]),
     }
     if node == "mrm_conductor_bsdf":

@@ -6,6 +6,7 @@ suites from their schema, and commands from the command line itself.
 
 from __future__ import annotations
 
+import html
 import importlib
 import inspect
 import pkgutil
@@ -23,6 +24,8 @@ import mrm_nodes
 from mrm_nodes.cli import cli
 from mrm_nodes.regression import suitetable
 
+#: What a base class says whose parameters are its heirs' affair.
+_BASE = "it is not made by itself"
 ROOT = Path(__file__).parents[2]
 _GLSL_FUNCTION = re.compile(r"^(?:\w+ )+(\w+)\(", re.MULTILINE)
 
@@ -69,8 +72,9 @@ def package(name: str) -> str:
     module = importlib.import_module(name)
     lines = [f"# {name}", "", inspect.cleandoc(module.__doc__ or ""), ""]
     for public in public_names(name):
-        path = where_defined(name, public)
-        lines += [f"[](){{#{name}.{public}}}", "", f"::: {path}", ""]
+        lines += [f"[](){{#{name}.{public}}}", "", f"::: {where_defined(name, public)}", ""]
+        if _BASE in (inspect.getdoc(getattr(module, public)) or ""):
+            lines[-1:] = ["    options:", "      show_signature: false", ""]
     return "\n".join(lines)
 
 
@@ -258,6 +262,8 @@ def _table(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
 def _text(text: str) -> str:
     """Plain text as Markdown shows it, on one line; what stands in backticks is code."""
     parts = re.split(r"(`[^`]*`)", " ".join(text.split()))
-    return "".join(
-        part if part.startswith("`") else re.sub(r"([\\*_<>\[\]{}#])", r"\\\1", part) for part in parts
-    )
+    return "".join(part if part.startswith("`") else _escaped(part) for part in parts)
+
+
+def _escaped(text: str) -> str:
+    return re.sub(r"([\\*_\[\]{}#])", r"\\\1", html.escape(text, quote=False))

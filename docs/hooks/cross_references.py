@@ -1,4 +1,4 @@
-"""Links between docstrings: a public class, or what is in one, that stands in backticks becomes a link to it."""
+"""What docstrings lack as pages: a public class, or what is in one, that stands in backticks becomes a link to it."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ import griffe
 import mrm_nodes
 
 _CODE = re.compile(r"(?<!\[)`([A-Z]\w+)(\.\w+)?`")
+
+_BASE = "it is not made by itself"
 
 
 class CrossReferences(griffe.Extension):
@@ -27,6 +29,12 @@ class CrossReferences(griffe.Extension):
             for name in package.__all__
             if inspect.isclass(getattr(package, name))
         }
+
+    def on_class_members(self, *, cls: griffe.Class, **_: Any) -> None:
+        """Leave out how a base class is made, where that is its heirs' affair."""
+        text = cls.docstring.value if cls.docstring is not None else ""
+        if _BASE in text and "Args:" not in text and "__init__" in cls.members:
+            cls.del_member("__init__")
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Change the docstring of what was read."""

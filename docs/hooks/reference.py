@@ -24,8 +24,6 @@ import mrm_nodes
 from mrm_nodes.cli import cli
 from mrm_nodes.regression import suitetable
 
-#: What a base class says whose parameters are its heirs' affair.
-_BASE = "it is not made by itself"
 ROOT = Path(__file__).parents[2]
 _GLSL_FUNCTION = re.compile(r"^(?:\w+ )+(\w+)\(", re.MULTILINE)
 
@@ -73,8 +71,6 @@ def package(name: str) -> str:
     lines = [f"# {name}", "", inspect.cleandoc(module.__doc__ or ""), ""]
     for public in public_names(name):
         lines += [f"[](){{#{name}.{public}}}", "", f"::: {where_defined(name, public)}", ""]
-        if _BASE in (inspect.getdoc(getattr(module, public)) or ""):
-            lines[-1:] = ["    options:", "      show_signature: false", ""]
     return "\n".join(lines)
 
 

@@ -224,6 +224,8 @@ def _check_port(port: mx.Input | mx.Output, where: str, defining: Set[str]) -> N
         known = [choice.strip() for choice in choices.split(",")] if choices else [text]
         if text not in known:
             raise MrmError(f"{_place(port, where)}: {unknown('value', text, known)}")
+    if text and node.getType() == "BSDF" and port.getName() in _SHARES:
+        _warn_of_share(port, where)
     if node.getCategory().startswith("mrm_") and port.getName() in _RANGES:
         _warn_of_clamping(port, where)
 
@@ -286,6 +288,24 @@ def _warn_of_geometry(port: mx.Input, node: mx.Node, where: str) -> None:
     if taken:
         told = f"{_place(port, where)}: its value is ignored, MaterialX takes {taken}: connect a node"
         warnings.warn(told, MrmWarning, stacklevel=5)
+
+
+_SHARES = {"mix", "weight"}
+"""Inputs of BSDF nodes that are shares of 1, and that MaterialX does not clamp."""
+
+
+def _warn_of_share(port: mx.Input, where: str) -> None:
+    source = port.getInterfaceInput() or port
+    value = source.getValue()
+    if not isinstance(value, float) or 0.0 <= value <= 1.0:
+        return
+    taken = (
+        "counts as 0"
+        if port.getName() == "weight" and value < 0.0
+        else "is taken as it is: energy is made or lost"
+    )
+    told = f"{_place(port, where)}: {source.getValueString()} is outside 0 to 1, and {taken}"
+    warnings.warn(told, MrmWarning, stacklevel=5)
 
 
 def _warn_of_clamping(port: mx.Input, where: str) -> None:

@@ -251,19 +251,3 @@ def test_a_narrow_lobe_may_be_what_it_is_for_a_half_vector_that_is_rounded(alpha
     # And no more than that where the lobe is far away: the bound is its own error there, not a licence.
     far = slope > 0.05
     assert not far.any() or beyond[far].max() < 1e-3
-
-
-def test_an_amount_of_a_mix_that_is_no_share_is_an_error_that_names_it(worker: Worker, tmp_path: Path):
-    bsdf = '<oren_nayar_diffuse_bsdf name="{}" type="BSDF" />'
-    body = (
-        bsdf.format("a")
-        + bsdf.format("b")
-        + """
-<mix name="both" type="BSDF">
-  <input name="fg" type="BSDF" nodename="a" /><input name="bg" type="BSDF" nodename="b" />
-  <input name="mix" type="float" value="1.5" />
-</mix>
-<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="both" /></surface>"""
-    )
-    outcome = worker.run(case_of(write(tmp_path, body + MATERIAL)), tmp_path / "report")
-    assert outcome.verdict == "error" and "amount" in outcome.message

@@ -88,3 +88,19 @@ def test_a_value_where_the_geometry_s_is_taken_is_said_to_be_ignored(node, name,
         with_value = generate_shader(file)
     file.write_text(file.read_text().replace(VECTOR.format(name), ""))
     assert generate_shader(file).pixel == with_value.pixel
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (mixed(1.5), "b/mix: 1.5 is outside 0 to 1, and is taken as it is: energy is made or lost"),
+        (
+            of_node("conductor_bsdf", number("weight", 2)),
+            "b/weight: 2 is outside 0 to 1, and is taken as it is",
+        ),
+        (of_node("conductor_bsdf", number("weight", -1)), "b/weight: -1 is outside 0 to 1, and counts as 0"),
+    ],
+)
+def test_a_share_outside_of_0_to_1_is_named(text, told, tmp_path: Path):
+    with pytest.warns(MrmWarning, match=told):
+        generate_shader(write(tmp_path, text))

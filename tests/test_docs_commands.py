@@ -9,6 +9,10 @@ Who writes a page keeps to this:
 - A page runs from top to bottom in one folder: what a command writes, the next ones read. What has to be there before
   is made when a command or a piece of Python names it, as FILES says, and STATES for what is no single file.
   A file that is in neither, an unknown command and an unknown option fail.
+- A block whose first line is a comment that is a file's name (`<!-- tape.mtlx -->`, `# suite.toml`) is that file.
+  `python FILE` is run where a command or a block of the page has written FILE.
+- After a line `<!-- fails: -->` a command has to end in another status than 0, and what it prints has to have the text
+  of the block fenced as text that follows.
 - Code in a line of text that begins with `mrm-nodes` may stand for many (`mrm-nodes photometry FILE …`): it is not
   run, but its command and its options must exist. `make TARGET` and `python FILE` must exist, too.
 - Pictures are drawn small: SMALL says what is added to the command. Nothing else is changed.
@@ -193,8 +197,13 @@ def pieces(text: str) -> Iterator[Piece]:
         bare = line.strip()
         marked = re.match(r"(```+|~~~+)\s*([\w+-]*)", bare)
         if fence and bare == fence:
-            if language in ("python", "py"):
+            named = re.fullmatch(r"(?:<!-- |# )([\w./-]+\.\w+)(?: -->)?", block[0]) if block else None
+            if named:
+                yield Piece(begun, "file", f"{named[1]}\n{_dedented(block)}", True)
+            elif language in ("python", "py"):
                 yield Piece(begun, "python", _dedented(block), is_run)
+            elif language == "text":
+                yield Piece(begun, "said", _dedented(block), True)
             fence, is_run = "", True
         elif marked and not fence:
             fence, language, begun, block = marked[1], marked[2], number + 1, []
@@ -202,6 +211,8 @@ def pieces(text: str) -> Iterator[Piece]:
             block.append(line)
         elif not fence and bare.startswith("<!-- not run:"):
             is_run = False
+        elif not fence and bare == "<!-- fails: -->":
+            yield Piece(number, "fails", "", True)
         elif fence or line.startswith("    ") or goes_on:
             command = f"{goes_on}{bare.removeprefix('$ ')}"
             goes_on = f"{command[:-1]} " if command.endswith("\\") else ""
@@ -309,6 +320,8 @@ def make_parts(words: list[str]) -> None:
 def make_run(words: list[str]) -> None:
     """What `baseline` reads: a suite whose cases have stored images, and its run."""
     suite = Path("suite.toml")
+    if "--suite" in words:
+        return
     if not suite.exists() or '\ntruth = "baseline"' not in suite.read_text():
         shutil.copy(shipped.materials()["traffic_cone"], "stop.mtlx")
         suite.write_text('[[case]]\nmaterial = "stop.mtlx"\nname = "stop"\nsize = 16\ntruth = "baseline"\n')
@@ -342,13 +355,31 @@ def test_what_a_page_tells_to_run_runs(
 ):
     monkeypatch.chdir(tmp_path)
     namespace: dict[str, Any] = {"__name__": "page"}
-    faults = []
+    faults, fails, failed = [], False, ""
     for piece in pieces(page.read_text(encoding="utf-8")):
         try:
-            run_piece(piece, f"{page.name}:{piece.line}", namespace)
+            if piece.kind == "fails":
+                fails = True
+            elif piece.kind == "said":
+                assert not failed or " ".join(piece.text.split()) in " ".join(failed.split()), (
+                    f"it says {failed}"
+                )
+                failed = ""
+            elif fails:
+                fails, failed = False, what_fails(piece.text)
+            else:
+                run_piece(piece, f"{page.name}:{piece.line}", namespace)
         except Exception as error:
             faults.append(f"{page.name}:{piece.line}: {piece.text}\n    {type(error).__name__}: {error}")
     assert not faults, "\n".join(faults)
+
+
+def what_fails(command: str) -> str:
+    """What a command prints that is meant to fail."""
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    done = subprocess.run(["sh", "-ec", command], capture_output=True, text=True, env=environment)
+    assert done.returncode != 0, f"it does not fail: {done.stdout}"
+    return done.stdout + done.stderr
 
 
 def run_piece(piece: Piece, where: str, namespace: dict[str, Any]) -> None:
@@ -357,6 +388,10 @@ def run_piece(piece: Piece, where: str, namespace: dict[str, Any]) -> None:
         if piece.is_run:
             make_files(piece.text)
             exec(code, namespace)
+    elif piece.kind == "file":
+        name, text = piece.text.split("\n", 1)
+        Path(name).parent.mkdir(parents=True, exist_ok=True)
+        Path(name).write_text(text, "utf-8")
     elif piece.kind == "mention":
         check_mention(_words(piece.text)[1:])
     elif piece.kind == "command" and piece.is_run:
@@ -374,6 +409,9 @@ def check_other(words: list[str]) -> None:
     if program == "make":
         targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         assert words[1] in targets, f"no target {words[1]} in the Makefile"
+    elif program == "python" and Path(words[1]).is_file():
+        done = subprocess.run([sys.executable, *words[1:]], capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
     elif program == "python" and words[1] != "-m":
         assert (ROOT / words[1]).is_file(), f"no file {words[1]}"
     else:

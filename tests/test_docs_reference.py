@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 import mrm_nodes
 from mrm_nodes.errors import MrmError
+from mrm_nodes.regression import suitetable
 
 Array = NDArray[np.float64]
 
@@ -332,3 +333,9 @@ def test_each_rule_finds_what_lacks(rule: Callable[[Public], str]):
     value = spelt_out if rule is lacks_a_plain_signature else bare
     assert rule(Public("mrm_nodes.reference.f", value, None, mrm_nodes.reference))
     assert not rule(Public("mrm_nodes.reference.f", told, None, mrm_nodes.reference))
+
+
+def test_every_key_of_a_suite_has_its_text():
+    tables = (suitetable.SuiteTable, suitetable.CaseTable, suitetable.AdjustTable, suitetable.ToleranceTable)
+    for table in (*tables, suitetable.EnvironmentTable):
+        assert [name for name, field in table.model_fields.items() if not field.description] == []

@@ -394,7 +394,7 @@ function pairFigures() {
   return [...pairs].map(([node, pair]) =>
     el("figure", {},
       pair.map((each) => el("a", { href: addressOf({ case: keyOf(each) }) }, el("img", { src: address(each.files.render), alt: `Render of ${each.name}` }))),
-      el("figcaption", {}, el("b", {}, node), " retroreflectivity 0 and 1, one light")));
+      el("figcaption", {}, el("b", {}, node), " retroreflectivity 0 and 1, each at its own exposure")));
 }
 
 function cloudFigure(each) {

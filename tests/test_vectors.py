@@ -3,9 +3,11 @@
 import copy
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -76,10 +78,23 @@ def test_the_rule_comes_first(written):
         assert part in vectors.RULE
 
 
-def test_the_command_says_the_rule_and_writes_what_the_page_names(tmp_path, capsys):
+def test_the_command_says_the_rule(capsys):
     with pytest.raises(SystemExit):
         main(["vectors", "--help"])
     assert "v' = 2 (n.v) n - v" in " ".join(capsys.readouterr().out.split())
+
+
+def test_what_the_written_page_links_to_lies_beside_it(written):
+    page = written[2]
+    links = re.findall(r"\]\(([\w.-]+/[\w.-]+)\)", page.read_text("utf-8"))
+    assert {Path(link).name for link in links} >= {
+        "check.py",
+        "check.cpp",
+        "check.js",
+        "mrm.glsl",
+        "check_glsl.py",
+    }
+    assert all((page.parent / link).is_file() for link in links)
 
 
 def sample_of(content):

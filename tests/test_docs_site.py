@@ -167,7 +167,7 @@ def written(folder: Path, text: str) -> tuple[subprocess.CompletedProcess[str], 
 
 
 def test_code_and_equations_are_found(small: Path):
-    text = "[a](code:code.py#Lobe.eval) [b](code:glsl/lobe.glsl#ndf) [c](code:code.py#LIMIT) $\\hat h$\n\n$$\nx^2\n$$\n"
+    text = "[a](../code.py#Lobe.eval) [b](../glsl/lobe.glsl#ndf) [c](../code.py#LIMIT) $\\hat h$\n\n$$\nx^2\n$$\n"
     done, page = written(small, text)
     assert done.returncode == 0, done.stderr
     for link in ("source/code.py.html#L-5", "source/glsl/lobe.glsl.html#L-3", "source/code.py.html#L-1"):
@@ -176,11 +176,11 @@ def test_code_and_equations_are_found(small: Path):
 
 
 GONE = {
-    "[a](code:code.py#Lobe.pdf)": "code.py defines no Lobe.pdf",
-    "[a](code:code.py#eval)": "code.py defines no eval",
-    "[a](code:glsl/lobe.glsl#nd)": "lobe.glsl defines no nd",
-    "[a](code:gone.py)": "there is no file gone.py",
-    "[a](code:../outside.py)": "there is no file ../outside.py",
+    "[a](../code.py#Lobe.pdf)": "code.py defines no Lobe.pdf",
+    "[a](../code.py#eval)": "code.py defines no eval",
+    "[a](../glsl/lobe.glsl#nd)": "lobe.glsl defines no nd",
+    "[a](../gone.py)": "there is no file gone.py",
+    "[a](../../outside.py)": "there is no file ../outside.py",
     "$\\nonesuch x$": "unknown command \\nonesuch",
     "$\\frac{1}$": "cannot be drawn",
     "[a](nowhere.md)": "nowhere.md",

@@ -1,4 +1,4 @@
-"""Links to code: `[text](code:FILE#NAME)` leads to the line of FILE that defines NAME.
+"""Links to code: a link out of docs/, `[text](../FILE#NAME)`, leads to the line of FILE that defines NAME.
 
 Each file that is linked to becomes a page of the site, so that a link shows the code that the page was written of,
 without network. A file or a name that is gone is a warning, which ends a strict build.
@@ -19,8 +19,9 @@ from pygments.formatters import HtmlFormatter
 from pygments.lexers import GLShaderLexer, get_lexer_for_filename
 
 ROOT = Path(__file__).parents[2]
+DOCS = "docs"
 _LOG = logging.getLogger("mkdocs.hooks.code_links")
-_LINK = re.compile(r"(?<=\]\()code:([^)\s#]+)(?:#([^)\s]+))?(?=\))")
+_LINK = re.compile(r"(?<=\]\()(\.\./[^)\s#]+)(?:#([^)\s]+))?(?=\))")
 
 
 def line_of(file: Path, name: str) -> int:
@@ -69,6 +70,12 @@ def page_of(path: str) -> str:
     return f"source/{path}.md"
 
 
+def code_of(link: str, page: str) -> str | None:
+    """The file from the top of the repository that a link of a page (from the top of docs/) leads to; None in docs/."""
+    path = posixpath.normpath(posixpath.join(DOCS, posixpath.dirname(page), link))
+    return None if path.startswith(f"{DOCS}/") else path
+
+
 def _page(path: str) -> str:
     file = ROOT / path
     lexer = GLShaderLexer() if file.suffix == ".glsl" else get_lexer_for_filename(file.name)
@@ -81,7 +88,8 @@ def on_files(files: Files, config: Any, **_: Any) -> Files:
     """Add a page for each file that a page links to, and for the nodes' GLSL."""
     linked = {str(file.relative_to(ROOT)) for file in (ROOT / "glsl").rglob("*.glsl")}
     for page in files.documentation_pages():
-        linked |= {found[1] for found in _LINK.finditer(page.content_string)}
+        targets = (code_of(found[1], page.src_uri) for found in _LINK.finditer(page.content_string))
+        linked |= {path for path in targets if path is not None}
     for path in sorted(linked):
         if is_ours(path):
             files.append(
@@ -97,14 +105,17 @@ def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     here = page.file.src_uri
 
     def resolved(found: re.Match[str]) -> str:
-        path, name = found[1], found[2]
+        path, name = code_of(found[1], here), found[2]
+        if path is None:
+            return found[0]
         try:
             if not is_ours(path):
                 raise LookupError(f"there is no file {path}")
             line = "" if name is None else f"#L-{line_of(ROOT / path, name)}"
         except LookupError as error:
             _LOG.warning(f"{here}: the link {found[0]}: {error}")
-            return found[0]
+            # Another that leads nowhere would be warned of twice.
+            return posixpath.basename(here)
         return posixpath.relpath(page_of(path), posixpath.dirname(here) or ".") + line
 
     return _LINK.sub(resolved, markdown)

@@ -240,8 +240,8 @@ def shaders() -> str:
     for file in sorted((ROOT / "glsl").rglob("*.glsl")):
         path = file.relative_to(ROOT).as_posix()
         names = dict.fromkeys(_GLSL_FUNCTION.findall(file.read_text(encoding="utf-8")))
-        lines += [f"## {file.name}", "", f"[{path}](code:{path})", ""]
-        lines += [f"- [`{name}`](code:{path}#{name})" for name in names]
+        lines += [f"## {file.name}", "", f"[{path}](../../{path})", ""]
+        lines += [f"- [`{name}`](../../{path}#{name})" for name in names]
         lines += [""]
     return "\n".join(lines)
 

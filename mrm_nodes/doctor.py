@@ -17,7 +17,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.host import Host
 from mrm_nodes.reference import Conductor, warmup
 from mrm_nodes.regression.material import NODES, document
-from mrm_nodes.render.context import BACKENDS, probe_backends
+from mrm_nodes.render.context import BACKENDS, probe_backends, unknown_backend
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import Renderer
 from mrm_nodes.render.scene import CameraLight, Framing
@@ -33,7 +33,7 @@ def examine(backend: str = "auto", console: Console | None = None) -> int:
         MrmError: an unknown backend, or one that does not render.
     """
     if backend not in ("auto", *BACKENDS):
-        raise MrmError(f"unknown backend {backend}; known: auto, {', '.join(BACKENDS)}")
+        raise MrmError(unknown_backend(backend, ("auto", *BACKENDS)))
     console = console or Console(highlight=False, soft_wrap=True)
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in VERSIONED)
     console.print(f"versions  Python {platform.python_version()}, {versions}")

@@ -382,6 +382,20 @@ def what_fails(command: str) -> str:
     return done.stdout + done.stderr
 
 
+def test_the_examples_in_the_help_are_commands(gl: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    examples = [example for example, _ in cli.cli.sections.values()]
+    waiting: list[click.Command] = [cli.cli]
+    while waiting:
+        command = waiting.pop()
+        examples += re.findall(r"^ *(mrm-nodes .*)$", command.help or "", re.MULTILINE)
+        waiting += command.commands.values() if isinstance(command, click.Group) else ()
+    assert len(examples) > 30
+    for example in examples:
+        make_files(example)
+        parse(_words(example)[1:])
+
+
 def run_piece(piece: Piece, where: str, namespace: dict[str, Any]) -> None:
     if piece.kind == "python":
         code = compile(piece.text, where, "exec")

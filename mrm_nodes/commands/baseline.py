@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mrm_nodes import jsontext
+from mrm_nodes.commands.helptext import Group
 from mrm_nodes.commands.options import external_option
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.files import read_bytes
@@ -49,7 +50,7 @@ def _options(command: Callable[..., Any]) -> Callable[..., Any]:
     return command
 
 
-@click.group()
+@click.group(cls=Group)
 def baseline() -> None:
     """Accept, reject and compare the stored images of cases that no model decides."""
 
@@ -66,7 +67,11 @@ def accept(
     backend: str | None,
     allow_external: bool,
 ) -> None:
-    """Make a run's renders the baselines of cases, each by its name or a pattern such as 'tape-*'."""
+    """Make a run's renders the baselines of cases, each by its name or a pattern such as 'tape-*'.
+
+    \b
+    mrm-nodes baseline accept stop --reason "new dye"
+    """
     import json
 
     from mrm_nodes.regression.baseline import fingerprint
@@ -116,7 +121,11 @@ def reject(
     backend: str | None,
     allow_external: bool,
 ) -> None:
-    """Record that a run's renders are wrong; the baselines stay as they are."""
+    """Record that a run's renders are wrong; the baselines stay as they are.
+
+    \b
+    mrm-nodes baseline reject stop --reason "too bright"
+    """
     run = _Run(report, backend)
     for case in _chosen(cases, suite, allow_external):
         case.store.reject(case.name, run.image(run.record(case.name)), reason)
@@ -127,7 +136,11 @@ def reject(
 @click.argument("cases", nargs=-1, metavar="[CASE...]")
 @_options
 def diff(cases: tuple[str, ...], suite: Path, report: Path, backend: str | None, allow_external: bool) -> int:
-    """Compare a run's renders with the baselines; exit status 1 where one is out of its tolerance."""
+    """Compare a run's renders with the baselines; exit status 1 where one is out of its tolerance.
+
+    \b
+    mrm-nodes baseline diff
+    """
     from rich.console import Console
     from rich.table import Table
 
@@ -158,6 +171,9 @@ def status(suite: Path, report: Path, backend: str | None, allow_external: bool)
     """List the baselines: missing, accepted, of other inputs, damaged; exit status 1 unless all are accepted.
 
     One to be looked at again was made by a version that could draw such a material wrongly.
+
+    \b
+    mrm-nodes baseline status
     """
     from rich.console import Console
     from rich.table import Table

@@ -27,6 +27,9 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
     """Time runs of one and two jobs, cold and from the cache, and beside MaterialX's renderer and idiff.
 
     Overhead is the share of the workers' time, their start included, that is spent in no stage.
+
+    \b
+    mrm-nodes bench regress --count 100
     """
     from mrm_nodes.files import write_text
     from mrm_nodes.regression import bench
@@ -84,7 +87,11 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
 )
 @click.option("-o", "--output", type=Path, help="JSON file to write too.")
 def scale(counts: tuple[int, ...], backend: str, jobs: int, output: Path | None) -> None:
-    """Time suites of five cases a material: listed, run, run from the cache, and their page in a browser."""
+    """Time suites of five cases a material: listed, run, run from the cache, and their page in a browser.
+
+    \b
+    mrm-nodes bench scale --count 100
+    """
     from mrm_nodes.files import write_text
     from mrm_nodes.regression import bench_scale
 

@@ -62,6 +62,9 @@ def fit(
     """Fit a measured material, and write the fit as a MaterialX document.
 
     DATA: ALTA .dat, MERL .binary, RGL .bsdf, ASTM E1392, OpenMATERIAL .xompt, or CSV.
+
+    \b
+    mrm-nodes fit tape.dat -o tape.mtlx --model widening --plot
     """
     from mrm_nodes.files import prepare_folder, write_together
     from mrm_nodes.measured import MODELS, folds, leave_angles_out, read

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from mrm_nodes.commands.options import within_limits
+from mrm_nodes.commands.options import one_of, within_limits
 from mrm_nodes.commands.photometry import parse_geometry, rows_table
 from mrm_nodes.errors import MrmError
 
@@ -31,7 +31,7 @@ ENDINGS = (".mtlx", ".xomp")
 @click.option(
     "--as",
     "form",
-    type=click.Choice(["nodes", "open_pbr"]),
+    **one_of("nodes", "open_pbr"),
     default="nodes",
     show_default=True,
     help="BSDF nodes, or mrm_open_pbr_surface.",
@@ -56,6 +56,10 @@ def material(
 
     With --from it has the coefficient of an OpenMATERIAL file, and the width and falloff of a class (RA2).
     Design help, no certification: that takes a laboratory and the standard itself.
+
+    \b
+    mrm-nodes material --class RA2 --colour yellow -o sign.mtlx
+    mrm-nodes material --from asset.xomp --geometry 0.2,-4 --colour white -o sign.mtlx
     """
     if output.suffix.lower() not in ENDINGS:
         raise MrmError(f"{output}: unknown ending {output.suffix or '(none)'}; use {' or '.join(ENDINGS)}")

@@ -19,6 +19,7 @@ def materials(name: str | None) -> None:
     With NAME, print the file of that material alone.
 
     \b
+    mrm-nodes materials
     mrm-nodes render traffic_cone -o cone.png --mesh baluster --env sky
     cp $(mrm-nodes materials traffic_cone) cone.mtlx
     """

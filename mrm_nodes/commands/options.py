@@ -14,7 +14,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from mrm_nodes import shipped
-from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.errors import MrmError, MrmWarning, unknown
 
 
 def _completed_material(
@@ -101,6 +101,20 @@ def keep_memory_limit(megabytes: int | None) -> None:
 
     if megabytes is not None:
         os.environ[MEMORY_VARIABLE] = str(megabytes)
+
+
+def one_of(*names: str) -> dict[str, Any]:
+    """Arguments of an option that takes one of some names; another one is told those that are like it."""
+
+    def check(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+        if value is not None and value not in names:
+            raise MrmError(unknown(f"{parameter.opts[0]}", value, names))
+        return value
+
+    def complete(context: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
+        return [each for each in names if each.startswith(incomplete)]
+
+    return {"metavar": "|".join(names), "callback": check, "shell_complete": complete}
 
 
 def say_what_is_of_pictures_only(outputs: Sequence[Path], look: Iterable[str]) -> None:

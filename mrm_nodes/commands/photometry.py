@@ -67,7 +67,12 @@ def photometry(
     """Print R_A (R_L and Q_d of road markings) of a material; status 1 if it is below a minimum of the class.
 
     MATERIAL is a .mtlx file, or a name that `mrm-nodes materials` lists; a file wins where it has such a name.
+
     Design help, no certification: that takes a laboratory and the standard itself.
+
+    \b
+    mrm-nodes photometry yellow_tape --geometry 0.2,-4
+    mrm-nodes photometry sign.mtlx --class RA2 --colour yellow --plot sign.svg
     """
     from mrm_nodes.files import prepare_folder
     from mrm_nodes.photometry import check, find_class, read_sheet

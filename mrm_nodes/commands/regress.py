@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from mrm_nodes.commands.options import external_option, keep_memory_limit, memory_option, time_option
+from mrm_nodes.commands.progress import progress
 from mrm_nodes.errors import MrmError
 
 FAILED = 1
@@ -131,6 +132,10 @@ def regress(
 
     A case whose inputs did not change since it was last run is not rendered again. Ctrl-C leaves the report of
     what was done; --resume goes on from there, and after a kill.
+
+    \b
+    mrm-nodes regress -o report
+    mrm-nodes regress --suite suite.toml --jobs 8 --junit results.xml
     """
     from mrm_nodes.regression import cache, cluster, suites, terminal
     from mrm_nodes.regression.run import run_suite
@@ -189,11 +194,15 @@ def merge(
     """Make one report of the reports DIR... of `regress --shard 1/N`, 2/N and so on.
 
     Exit status 1 where one of the N is missing, and an error in the JUnit file for each.
+
+    \b
+    mrm-nodes merge -o report part1 part2 part3
     """
     from mrm_nodes.regression import run
 
     _prepare(folder, json_file, junit)
-    report = run.merge(parts, folder, partial)
+    with progress("merge", len(parts)) as step:
+        report = run.merge(parts, folder, partial, step)
     return _publish(report, folder, json_file, junit, strict)
 
 

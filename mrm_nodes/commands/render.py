@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     "--light",
     "lights",
     multiple=True,
-    help="camera[:r,g,b], directional:x,y,z[:r,g,b], point:x,y,z[:r,g,b] or "
-    "spot:x,y,z:dx,dy,dz[:r,g,b]; may be repeated.  [default: camera, or none with --env]",
+    help="camera[:colour], directional:x,y,z[:colour], point:x,y,z[:colour] or spot:x,y,z:dx,dy,dz[:colour], where a "
+    "colour is r,g,b or one number; may be repeated.  [default: camera, or none with --env]",
 )
 @click.option(
     "--camera",

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import click
 
+from mrm_nodes.commands.helptext import Group
 from mrm_nodes.commands.options import external_option
 from mrm_nodes.errors import MrmError
 
 AT_FAULT = 2
 
 
-@click.group()
+@click.group(cls=Group)
 def suite() -> None:
     """Check, list and begin suites: TOML files that name materials and how they are looked at."""
 
@@ -22,7 +23,11 @@ def suite() -> None:
 @click.argument("file", type=Path)
 @external_option
 def check(file: Path, allow_external: bool) -> int:
-    """Say what is wrong with a suite, one line for each fault, or how many cases it has."""
+    """Say what is wrong with a suite, one line for each fault, or how many cases it has.
+
+    \b
+    mrm-nodes suite check suite.toml
+    """
     from mrm_nodes.regression.suitefile import load
     from mrm_nodes.regression.suitetable import SuiteError
 
@@ -49,7 +54,11 @@ def check(file: Path, allow_external: bool) -> int:
 )
 @external_option
 def list_cases(file: Path, expression: str | None, allow_external: bool) -> None:
-    """Print a suite's cases, what each is compared with, and why."""
+    """Print a suite's cases, what each is compared with, and why.
+
+    \b
+    mrm-nodes suite list suite.toml
+    """
     from mrm_nodes.regression import suites
     from mrm_nodes.regression.suitefile import load
 
@@ -69,7 +78,11 @@ def list_cases(file: Path, expression: str | None, allow_external: bool) -> None
 @suite.command()
 @click.argument("folder", type=Path, metavar="DIR", default=Path())
 def init(folder: Path) -> None:
-    """Write a commented suite and a material to DIR, ready to run."""
+    """Write a commented suite and a material to DIR, ready to run.
+
+    \b
+    mrm-nodes suite init
+    """
     from mrm_nodes.files import prepare_folder, write_text
     from mrm_nodes.library import materials_path
 

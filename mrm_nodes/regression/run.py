@@ -38,7 +38,7 @@ from mrm_nodes.regression.executors import TIME_LIMIT, Judged, estimate, run_loc
 from mrm_nodes.regression.inputs import Inputs, conditions, digest_of, key, source_digest, versions
 from mrm_nodes.regression.outcome import Outcome, Task, outcome_of
 from mrm_nodes.regression.report import write_records
-from mrm_nodes.render.context import BACKENDS, BackendReport, probe_backends
+from mrm_nodes.render.context import BACKENDS, BackendReport, probe_backends, unknown_backend
 
 REQUIRE_VARIABLE = "MRM_REQUIRE_BACKENDS"
 """Names the backends, with commas, whose absence is an error and not skipped: for continuous integration."""
@@ -68,7 +68,7 @@ def plan_backends(request: str, probes: Sequence[BackendReport], required: Seque
     """
     known = {probe.backend: probe for probe in probes}
     if request not in ("auto", "all", *BACKENDS):
-        raise MrmError(f"unknown backend {request}; known: auto, all, {', '.join(BACKENDS)}")
+        raise MrmError(unknown_backend(request, ("auto", "all", *BACKENDS)))
     for name in required:
         if name not in BACKENDS:
             raise MrmError(f"{REQUIRE_VARIABLE} names {name}; known: {', '.join(BACKENDS)}")
@@ -379,7 +379,12 @@ class _Run:
         )
 
 
-def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> Report:
+def merge(
+    parts: Sequence[Path],
+    folder: Path,
+    partial: bool = False,
+    merged: Callable[[], object] = lambda: None,
+) -> Report:
     """Make one report of the shards of a run, copying their files, and return what report.json holds.
 
     Its seconds are those of the shard that took longest. Where shards are missing, it says that it is partial, and
@@ -389,13 +394,17 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> Report:
         parts: folders of the shards.
         folder: made where it does not exist.
         partial: whether shards may be missing: the report is then as good as those that are there.
+        merged: called after each shard.
 
     Raises:
         MrmError: a folder has no journal, or they are not shards of one run.
     """
-    prepare_folder(folder)
     if folder.resolve() in [part.resolve() for part in parts]:
         raise MrmError(f"{folder}: that is a shard's own folder; choose another with -o")
+    for number, part in enumerate(parts):
+        if part.resolve() in [other.resolve() for other in parts[:number]]:
+            raise MrmError(f"{part}: named twice; name the folder of each shard once")
+    prepare_folder(folder)
     records: dict[str, Mapping[str, Any]] = {}
     shards: dict[int, Path] = {}
     first: Mapping[str, Any] = {}
@@ -433,6 +442,7 @@ def merge(parts: Sequence[Path], folder: Path, partial: bool = False) -> Report:
             if undone:
                 raise MrmError(f"{part}: {len(undone)} cases are not done; finish it with --resume")
             seconds = max(seconds, _seconds_of(part / "report.json"))
+            merged()
         environment = {name: value for name, value in first["environment"].items() if name != "shard"}
         count = first["shard"][1]
         missing = [f"{number}/{count}" for number in range(1, count + 1) if number not in shards]

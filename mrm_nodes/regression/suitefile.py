@@ -37,6 +37,7 @@ from mrm_nodes.regression.suitetable import (
     Settings,
     SuiteError,
     SuiteTable,
+    ToleranceTable,
     Where,
     faults,
     listed,
@@ -427,6 +428,8 @@ class _Maker:
                     fields["lights" if key == "light" else key] = make(value)
                 except MrmError as error:
                     raise Fault((key,), str(error)) from None
+        if not fields["lights"] and settings.environment is None:
+            raise Fault(("light",), "no light and no environment: the image would be black; name one of them")
         if settings.size is not None:
             fields["size"] = settings.size
         if settings.time_limit is not None:
@@ -492,10 +495,11 @@ class _Maker:
         built_in = table.map in BUILT_IN_ENVIRONMENTS
         return EnvironmentMap(file if built_in else self._beside(file), tuple(options.items()))
 
-    def _tolerance(self, name: str) -> Tolerance:
-        if name not in self._table.tolerances:
-            raise MrmError(f"unknown tolerance {name}; {suggestion(name, self._table.tolerances)}")
-        return Tolerance(**self._table.tolerances[name].model_dump())
+    def _tolerance(self, given: str | ToleranceTable) -> Tolerance:
+        table = given if isinstance(given, ToleranceTable) else self._table.tolerances.get(given)
+        if table is None:
+            raise MrmError(f"unknown tolerance {given}; {suggestion(str(given), self._table.tolerances)}")
+        return Tolerance(**table.model_dump())
 
     def _value(self, keys: tuple[str | int, ...], value: Any) -> Value:
         if isinstance(value, bool | str):
@@ -667,7 +671,7 @@ def _label(value: Any) -> str:
     if isinstance(value, float | int):
         return f"{value:g}"
     if isinstance(value, list):
-        return "_".join(_label(each) for each in value)
+        return "none" if not value else "_".join(_label(each) for each in value)
     return Path(value).stem if re.search(r"\.\w+$", str(value)) and "," not in str(value) else str(value)
 
 

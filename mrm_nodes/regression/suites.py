@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import fnmatch
 import itertools
 from collections.abc import Sequence
@@ -49,9 +50,9 @@ def suite(
         return [*clouds(configurations), *more, *textured_cases(), *default_suite()]
     path = Path(name)
     if not path.is_dir() and path.suffix != ".toml":
-        raise MrmError(
-            f"unknown suite {name}: it is `default`, `full`, a .toml file, or a folder of .mtlx files"
-        )
+        near = difflib.get_close_matches(name[:100], BUILT_IN)
+        known = "it is `default`, `full`, a .toml file, or a folder of .mtlx files"
+        raise MrmError(f"unknown suite {name}: {f'did you mean {near[0]}?' if near else known}")
     from mrm_nodes.regression.suitefile import load
 
     return list(load(path, allow_external).cases)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import pydantic
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag
 
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.files import read_bytes
@@ -71,6 +71,7 @@ def _environment(value: Any) -> Any:
 _Size = Annotated[tuple[int, int], BeforeValidator(_size)]
 _Name = Annotated[str, Field(min_length=1, max_length=1000)]
 _Names = Annotated[list[_Name], BeforeValidator(listed), Field(min_length=1)]
+_Lights = Annotated[list[_Name], BeforeValidator(listed)]
 _Seconds = Annotated[float, Field(gt=0, le=86400)]
 _Threshold = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
@@ -95,6 +96,13 @@ class ToleranceTable(_Table):
     """Mean HDR-FLIP, 0 to 1."""
 
 
+_BY_NAME, _INLINE = "by name", "inline"
+_Tolerance = Annotated[
+    Annotated[_Name, Tag(_BY_NAME)] | Annotated[ToleranceTable, Tag(_INLINE)],
+    Discriminator(lambda value: _INLINE if isinstance(value, dict | ToleranceTable) else _BY_NAME),
+]
+
+
 class EnvironmentTable(_Table):
     """The light around a case, by its name; a text is taken for `map`."""
 
@@ -115,15 +123,16 @@ class Settings(_Table):
     """`sphere`, `plane`, `baluster`, a name of `[meshes]`, or an .obj, .gltf or .glb file."""
     camera: _Name | None = None
     """A name of `[cameras]`, or a camera as `render --camera` takes it; by default the whole mesh from +z."""
-    light: _Names | None = None
-    """One or a list: names of `[lights]`, or lights as `render --light` takes them. Without it two directional
-    lights, or none where there is an environment."""
+    light: _Lights | None = None
+    """One or a list: names of `[lights]`, or lights as `render --light` takes them; `[]` is none, in an environment.
+    Without it two directional lights, or none where there is an environment."""
     environment: _Name | None = None
     """`sky`, `studio`, a name of `[environments]`, or a latitude-longitude .hdr or .exr file."""
     size: _Size | None = None
     """Pixels: `"640x480"`, `[640, 480]`, or `256` for a square."""
-    tolerance: _Name | None = None
-    """A name of `[tolerances]`; without it the evaluator's own bounds, or a baseline's."""
+    tolerance: _Tolerance | None = None
+    """A name of `[tolerances]`, or what that table would hold; without it the evaluator's own bounds, or a
+    baseline's."""
     mask: _Name | None = None
     """An image of the case's size: only its bright pixels count."""
     truth: Literal["auto", "physics", "baseline"] | None = None
@@ -165,7 +174,7 @@ class SuiteTable(_Table):
     """Files by name: .obj, .gltf and .glb, relative to the suite."""
     cameras: dict[str, _Name] = {}
     """Cameras by name, each as `render --camera` takes it."""
-    lights: dict[str, _Names] = {}
+    lights: dict[str, _Lights] = {}
     """Lights by name, each one or a list, as `render --light` takes them."""
     environments: dict[str, Annotated[EnvironmentTable, BeforeValidator(_environment)]] = {}
     """Environments by name."""
@@ -239,7 +248,7 @@ def _dotted(keys: Sequence[str | int]) -> str:
 def faults(error: pydantic.ValidationError) -> Iterator[tuple[tuple[str | int, ...], str]]:
     """Where the faults of a table lie, and what is expected there."""
     for each in error.errors(include_url=False):
-        keys = each["loc"]
+        keys = tuple(key for key in each["loc"] if key not in (_BY_NAME, _INLINE))
         message = each["msg"].removeprefix("Value error, ").removeprefix("Input should be ")
         if each["type"] == "extra_forbidden":
             message = f"unknown key; {suggestion(str(keys[-1]), _keys_beside(keys))}"
@@ -258,6 +267,8 @@ def _keys_beside(keys: Sequence[str | int]) -> Iterable[str]:
         "case": CaseTable,
         "adjust": AdjustTable,
     }
+    if keys[-2:-1] == ("tolerance",):
+        return ToleranceTable.model_fields
     return (tables.get(keys[0], SuiteTable) if len(keys) > 1 else SuiteTable).model_fields
 
 

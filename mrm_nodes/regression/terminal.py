@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,6 +34,9 @@ WORDS = {
 
 COMPILING = "compiling the evaluator, once for this installation: a minute or two"
 
+QUIET = 10.0
+"""Seconds between two lines where there is no terminal."""
+
 WORST = 5
 MOST_GROUPS = 12
 
@@ -60,6 +64,15 @@ def progress(console: Console | None = None) -> Iterator[Shown]:
         console=console,
         disable=not console.is_terminal,
     )
+    told = time.monotonic()
+
+    def tell(what: str, done: int, total: int) -> None:
+        """A plain line now and then, where a bar would not be seen."""
+        nonlocal told
+        if not console.is_terminal and done < total and time.monotonic() - told >= QUIET:
+            told = time.monotonic()
+            console.print(f"{what}: {done} of {total}")
+
     with bar:
         row = bar.add_task("regression", total=None, name="")
         compiling: list[TaskID] = []
@@ -69,6 +82,7 @@ def progress(console: Console | None = None) -> Iterator[Shown]:
                 console.print(COMPILING)
                 compiling.append(bar.add_task("evaluator", total=total, name=""))
             bar.update(compiling[0], completed=done, total=total, visible=done < total)
+            tell("evaluator", done, total)
 
         def show(outcome: Outcome, done: int, total: int) -> None:
             bar.update(row, completed=done, total=total, name=f"{outcome.backend} {outcome.name}")
@@ -76,6 +90,7 @@ def progress(console: Console | None = None) -> Iterator[Shown]:
                 console.print(
                     f"{_pill(outcome.verdict)} {outcome.backend} {outcome.name} {escape(_why(outcome))}"
                 )
+            tell("regression", done, total)
 
         yield Shown(show, compiled)
 

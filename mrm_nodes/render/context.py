@@ -7,6 +7,7 @@ import contextlib
 import contextvars
 import ctypes
 import ctypes.util
+import difflib
 import json
 import os
 import queue
@@ -14,7 +15,7 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
@@ -338,6 +339,14 @@ def _cached(backend: str) -> GLContext | str:
         return _contexts[backend]
 
 
+def unknown_backend(name: str, known: Sequence[str]) -> str:
+    """What to say of a backend that is none: the one that is like it, else all."""
+    # Names as short as these are like others by chance: `glx` is not meant for `egl`.
+    close = difflib.get_close_matches(name[:100], known, n=1, cutoff=0.75)
+    hint = f"did you mean {close[0]}?" if close else f"known: {', '.join(known)}"
+    return f"unknown backend {name}; {hint}"
+
+
 def get_context(backend: str = "auto") -> GLContext:
     """Return this process's context of a backend, creating it on first use.
 
@@ -348,7 +357,7 @@ def get_context(backend: str = "auto") -> GLContext:
         MrmError: an unknown backend, or no OpenGL 4.0 there; says what to install.
     """
     if backend not in (*BACKENDS, "auto"):
-        raise MrmError(f"unknown backend {backend}; known: auto, {', '.join(BACKENDS)}")
+        raise MrmError(unknown_backend(backend, ("auto", *BACKENDS)))
     tried = BACKENDS if backend == "auto" else (backend,)
     reasons = []
     for name in tried:

@@ -16,7 +16,7 @@ import numpy as np
 import OpenImageIO as oiio
 from numpy.typing import NDArray
 
-from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.errors import MrmError, MrmWarning, suggestion
 from mrm_nodes.render.context import GLContext
 from mrm_nodes.render.images import complaint_of, read_image
 
@@ -336,6 +336,10 @@ def find_environment(name: str | os.PathLike[str], **options: Any) -> Environmen
         if options.pop("layer", ""):
             raise MrmError(f"environment {name} is no file, and has no layers")
         return replace(BUILT_IN_ENVIRONMENTS[str(name)](), **options)
+    if not Path(name).suffix and not Path(name).exists():
+        raise MrmError(
+            f"unknown environment {name}: no such file; {suggestion(os.fspath(name), BUILT_IN_ENVIRONMENTS)}"
+        )
     return load_environment(name, **options)
 
 

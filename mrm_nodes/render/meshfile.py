@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import os
 import warnings
 from collections.abc import Callable
@@ -39,9 +40,13 @@ def load_mesh(name_or_path: str | os.PathLike[str]) -> Mesh:
         return BUILT_IN[name]()
     file = Path(name)
     if file.suffix.lower() not in _READERS:
-        raise MrmError(
-            f"{name}: unknown mesh; give an .obj, .gltf or .glb file, or one of {', '.join(BUILT_IN)}"
+        close = difflib.get_close_matches(name[:100], BUILT_IN, n=1)
+        hint = (
+            f"did you mean {close[0]}?"
+            if close
+            else f"give an .obj, .gltf or .glb file, or one of {', '.join(BUILT_IN)}"
         )
+        raise MrmError(f"{name}: unknown mesh; {hint}")
     if not file.is_file():
         raise MrmError(f"{file}: no such mesh file")
     parts = _READERS[file.suffix.lower()](file)

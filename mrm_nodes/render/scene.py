@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +21,10 @@ _WHITE: Vec3 = (1.0, 1.0, 1.0)
 #: position: far away, it is nearly the same at every pixel.
 ORTHOGRAPHIC_DISTANCE = 1000.0
 
-LIGHT_SYNTAX = "camera[:R,G,B], directional:X,Y,Z[:R,G,B], point:X,Y,Z[:R,G,B] or spot:X,Y,Z:DX,DY,DZ[:R,G,B]"
+LIGHT_SYNTAX = (
+    "camera[:COLOUR], directional:X,Y,Z[:COLOUR], point:X,Y,Z[:COLOUR] or spot:X,Y,Z:DX,DY,DZ[:COLOUR], "
+    "where COLOUR is R,G,B or one number"
+)
 CAMERA_SYNTAX = "X,Y,Z[:TX,TY,TZ] or frame:DX,DY,DZ, then any of :fov=DEGREES :width=W :up=X,Y,Z"
 
 
@@ -204,6 +208,7 @@ def _emission(light: Light) -> dict[str, Any]:
 def parse_light(text: str) -> Light:
     """Read a light from text as the command line writes it: see `LIGHT_SYNTAX`; colours are linear.
 
+    A colour is three numbers, or one: `camera:2` is twice as bright as `camera`.
     Point and spot lights of this syntax do not decay, so that a scene's scale does not change its exposure.
 
     Raises:
@@ -217,14 +222,19 @@ def parse_light(text: str) -> Light:
         "spot": (2, lambda position, axis, color: SpotLight(position, axis, color, decay_rate=0.0)),
     }
     if kind not in makers:
-        raise MrmError(f"unknown light {kind or repr(text)}; write {LIGHT_SYNTAX}")
+        close = difflib.get_close_matches(kind[:100], makers, n=1)
+        hint = f"did you mean {close[0]}?" if close else f"write {LIGHT_SYNTAX}"
+        raise MrmError(f"unknown light {kind or repr(text)}; {hint}")
     needed, make = makers[kind]
     if not needed <= len(parts) <= needed + 1:
         raise MrmError(f"light {text}: {len(parts)} parts after {kind}; write {LIGHT_SYNTAX}")
-    vectors = [_parse_vector(part, f"light {text}") for part in parts]
-    if len(vectors) == needed:
-        vectors.append(_WHITE)
-    return make(*vectors)
+    vectors = [_parse_vector(part, f"light {text}") for part in parts[:needed]]
+    return make(*vectors, _parse_colour(parts[needed], f"light {text}") if parts[needed:] else _WHITE)
+
+
+def _parse_colour(text: str, what: str) -> Vec3:
+    """Three numbers, or one that is all three."""
+    return _parse_vector(text if "," in text else ",".join([text] * 3), what)
 
 
 def _parse_vector(text: str, what: str) -> Vec3:

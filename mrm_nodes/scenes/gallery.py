@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, unknown
 from mrm_nodes.render import Mesh, load_mesh, write_png
 from mrm_nodes.render.tonemap import find_tonemap
 from mrm_nodes.scenes import cone, figures, road, vest
@@ -70,7 +70,7 @@ def draw(
         MrmError: an unknown scene or tone mapping, a mesh where the scene has its own, or one that cannot be read.
     """
     if name not in TITLES:
-        raise MrmError(f"unknown scene {name}; there are {', '.join(TITLES)}")
+        raise MrmError(unknown("scene", name, TITLES))
     mapped = find_tonemap(tonemap)
     if name in _ON_A_MESH:
         rows = _ON_A_MESH[name](figures.ball() if mesh is None else load_mesh(mesh))

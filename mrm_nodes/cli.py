@@ -127,7 +127,7 @@ cli.add_section(
     retrofit,
 )
 cli.add_section(
-    "Retroreflectors by class and by measurement",
+    "Standards and measurements",
     "mrm-nodes material --class RA2 --colour yellow -o sign.mtlx",
     material,
     photometry,

@@ -208,7 +208,7 @@ def test_every_command_has_a_section_and_an_example(run: Run):
         assert example.split()[1] in [command.name for command in section]
     for names, command in commands():
         if not isinstance(command, click.Group):
-            assert f"\n    mrm-nodes {' '.join(names)}" in (command.help or "").replace("\n", "\n    "), names
+            assert re.search(rf"^ *mrm-nodes {' '.join(names)}\b", command.help or "", re.MULTILINE), names
 
 
 def test_version_has_that_of_materialx(run: Run):

@@ -13,7 +13,9 @@ from mrm_nodes.render.environment import load_environment
 # Latitude and longitude of each texel; the middle of the map is +z, towards the camera.
 up, around = np.mgrid[0:128, 0:256] + 0.5
 up, around = np.pi * (0.5 - up / 128), 2 * np.pi * (around / 256 - 0.5)
-sky = np.where(up[..., None] > 0, [0.25, 0.3, 0.5], [0.08, 0.07, 0.06]) + 0.4 * np.exp(-8 * abs(up))[..., None]
+sky = (
+    np.where(up[..., None] > 0, [0.25, 0.3, 0.5], [0.08, 0.07, 0.06]) + 0.4 * np.exp(-8 * abs(up))[..., None]
+)
 sun = np.exp((np.cos(up - 0.2) * np.cos(around) - 1) * 300)[..., None] * [90.0, 55.0, 25.0]
 write_exr("dusk.exr", (sky + sun).astype(np.float32))
 

@@ -1,7 +1,7 @@
 """The evaluator in a fit: measured values in, parameters out.
 
-Makes a goniometer's readings from a tape that is known, with 3 % of noise, and finds its width and its reflectance again
-with SciPy. Writes fit.csv with the readings and the fit; prints what was found.
+Makes a goniometer's readings from a tape that is known, with 3 % of noise, and finds its width and its reflectance
+again with SciPy. Writes fit.csv with the readings and the fit; prints what was found.
 """
 
 import numpy as np
@@ -27,7 +27,9 @@ truth = np.log([0.053, 0.19])
 measured = model(truth) * (1.0 + 0.03 * rng.normal(size=(3, 24)))
 found = least_squares(lambda each: np.log(model(each) / measured).ravel(), np.log([0.2, 0.5]))
 deviation = np.sqrt(np.diag(np.linalg.inv(found.jac.T @ found.jac)) * 2 * found.cost / (measured.size - 2))
-for name, known, value, spread in zip(("alpha", "F0"), np.exp(truth), np.exp(found.x), deviation, strict=True):
+for name, known, value, spread in zip(
+    ("alpha", "F0"), np.exp(truth), np.exp(found.x), deviation, strict=True
+):
     print(f"{name}: {value:.4f} ± {value * spread:.4f}, was {known:g}")
 
 angles = np.broadcast_arrays(np.degrees(entrance), np.degrees(observation))

@@ -18,6 +18,8 @@ for degrees in (0, 1, 2, 4, 8, 16, 30, 45, 60):
     rendered = mrm_nodes.render("traffic_cone", "baluster", "0,0,3", light, samples=9, **look)
     exposure = rendered.picture.exposure  # that of the first frame, which is the brightest
     frames.append(Image.fromarray(rendered.picture.codes()))
-    print(f"{degrees:>3} degrees: mean {rendered.image[rendered.mask].mean():.3f}, most {rendered.image.max():.2f}")
+    print(
+        f"{degrees:>3} degrees: mean {rendered.image[rendered.mask].mean():.3f}, most {rendered.image.max():.2f}"
+    )
 
 frames[0].save("sweep.webp", save_all=True, append_images=frames[1:] + frames[-2:0:-1], duration=150, loop=0)

@@ -1,7 +1,7 @@
 """Photometry of a class: which material is a sign of class RA2, and does a material of ours pass?
 
-Writes sign.mtlx, the least material that has all minima of RA2 in yellow, and prints what it has in each geometry of the
-standard; then what the class says of tape with a lobe that is too wide.
+Writes sign.mtlx, the least material that has all minima of RA2 in yellow, and prints what it has in each geometry of
+the standard; then what the class says of tape with a lobe that is too wide.
 """
 
 from pathlib import Path
@@ -14,10 +14,14 @@ Path("sign.mtlx").write_text(design.bsdf.markup("sign", "Made for class RA2, yel
 print(f"sign.mtlx: {design.retro_class.title}, {design.colour}")
 for row in design.rows:
     asked = row.requirement
-    print(f"  {asked.geometry:<16} at least {asked.minimum:>5g}, has {row.value:6.1f} cd/(lx m²), {row.margin:+.0%}")
+    print(
+        f"  {asked.geometry:<16} at least {asked.minimum:>5g}, has {row.value:6.1f} cd/(lx m²), {row.margin:+.0%}"
+    )
 
 tape = ref.GeneralizedSchlick(0.19, color90=0.19, alpha=0.053, retroreflectivity=1.0)
 print("the tape of the MRM paper, in the same class:")
 for row in photometry.check(tape, "RA2", "yellow"):
     verdict = "passes" if row.passes else "is too dark"
-    print(f"  {row.requirement.geometry:<16} at least {row.requirement.minimum:>5g}, has {row.value:6.2f}: {verdict}")
+    print(
+        f"  {row.requirement.geometry:<16} at least {row.requirement.minimum:>5g}, has {row.value:6.2f}: {verdict}"
+    )

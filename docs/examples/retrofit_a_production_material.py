@@ -1,7 +1,7 @@
 """A material of a production, moved over: an OpenPBR document becomes retroreflective, and nothing else in it changes.
 
-Writes jacket.mtlx, as a look-dev department would have it, retro.mtlx, and retro.png with the light at the camera. Prints
-the lines that changed: comments, order and layout stay as they were.
+Writes jacket.mtlx, as a look-dev department would have it, retro.mtlx, and retro.png with the light at the camera.
+Prints the lines that changed: comments, order and layout stay as they were.
 """
 
 import difflib
@@ -15,7 +15,7 @@ Path("jacket.mtlx").write_text("""<?xml version="1.0"?>
   <!-- Piping of the jacket; approved in March. -->
   <open_pbr_surface name="piping" type="surfaceshader">
     <input name="base_color" type="color3" value="0.22, 0.23, 0.25" />
-    <input name="specular_roughness" type="float" value="0.3" />
+    <input name="specular_roughness" type="float" value="0.15" />
     <input name="coat_weight" type="float" value="0.2" />
   </open_pbr_surface>
   <surfacematerial name="jacket" type="material">

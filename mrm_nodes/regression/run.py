@@ -403,7 +403,15 @@ def merge(
         raise MrmError(f"{folder}: that is a shard's own folder; choose another with -o")
     for number, part in enumerate(parts):
         if part.resolve() in [other.resolve() for other in parts[:number]]:
-            raise MrmError(f"{part}: named twice; name the folder of each shard once")
+            past = journal.read(part)
+            shard = (
+                ""
+                if past is None
+                else f"shard {'/'.join(map(str, past.header['shard']))} does not go together with "
+            )
+            raise MrmError(
+                f"{part}: {shard and f'{shard}itself: '}named twice; name the folder of each shard once"
+            )
     prepare_folder(folder)
     records: dict[str, Mapping[str, Any]] = {}
     shards: dict[int, Path] = {}

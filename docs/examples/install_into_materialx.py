@@ -1,7 +1,7 @@
 """Into MaterialX itself: the nodes are installed in a `libraries` folder, and MaterialX alone does the rest.
 
 Copies MaterialX's libraries to resources/libraries, as a program brings them along, installs the nodes there, and
-writes cone.frag: the code that MaterialX's own generator makes of a traffic cone. Nothing of mrm_nodes is used for that.
+writes cone.frag: the code that MaterialX's own generator makes of a traffic cone. mrm_nodes has no part in that.
 """
 
 import shutil

@@ -509,10 +509,9 @@ def test_check_of_a_shader_that_does_not_compile_is_exit_status_1(
     ("arguments", "message"),
     [
         (["--target", "glls", "--check"], "unknown target glls; did you mean glsl"),
-        (["-o", "out"], "name a target with --target"),
         (["--target", "glsl"], "name a folder for the shader's files with -o, or say --check"),
         (["--check", "--libraries", "nowhere"], "nowhere: no such folder"),
-        (["--check", "--environment", "sky"], "'sky' is not one of 'fis', 'prefilter', 'none'"),
+        (["--check", "--environment", "sky"], "unknown --environment sky; known: fis, none, prefilter"),
     ],
 )
 def test_a_wrong_request_is_exit_status_2_and_one_line(

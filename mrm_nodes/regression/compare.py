@@ -272,7 +272,8 @@ def _notices(reference: NDArray[np.float64], bounds: Bounds) -> float:
     lit = values > 0
     if not lit.any():
         return math.inf
-    scale = np.maximum(values, FLOOR)[lit] / values[lit]
+    with np.errstate(over="ignore"):
+        scale = np.maximum(values, FLOOR)[lit] / values[lit]
     most, usual = (
         np.sort(np.broadcast_to(each, values.shape)[lit] * scale)
         for each in (bounds.max_rel, bounds.p999_rel)

@@ -23,7 +23,7 @@ BIN := .venv/bin
 
 # They need compilers, a browser or an X server, which only `make targets` sets up.
 TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py tests/test_slang.py \
-	tests/test_materialx_renderer.py tests/test_report_browser.py tests/test_tonemap_three.py
+	tests/test_materialx_renderer.py tests/test_report_browser.py tests/test_tonemap_three.py tests/test_vectors.py
 
 SWEEP := tests/test_sweep.py
 # `make regress-full` runs all of its cases, and `make test` none.
@@ -51,8 +51,8 @@ test: setup
 targets: setup
 	@sh .ci/compilers
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[targets]'
-	MRM_REQUIRE_COMPILERS=glsl,essl,vulkan,wgsl,slang,msl,clients $(BIN)/python -m pytest -q -n 2 --dist loadscope \
-		--junitxml .venv-clients/targets.xml $(TARGET_TESTS) tests/test_vectors.py
+	MRM_REQUIRE_COMPILERS=cc,glsl,essl,vulkan,wgsl,slang,msl,clients $(BIN)/python -m pytest -q -n 2 --dist loadscope \
+		--junitxml .venv-clients/targets.xml $(TARGET_TESTS)
 
 clients: targets
 	@sh .ci/clients $(RELEASES)

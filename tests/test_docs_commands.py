@@ -52,6 +52,7 @@ NOT_RUN = {
     "targets": "it compiles with every compiler that is here, for minutes",
     "generate cone.mtlx --check": "the same",
     "figures": "it draws for half a minute, as tests/test_reference_outputs.py has it do",
+    "scene road -o road.exr --class RA1": "it is the line above it, of another class",
     "regress --dask tcp:": "there is no such scheduler",
 }
 """Commands, by what they begin with."""

@@ -53,7 +53,7 @@ T = TypeVar("T")
 POINTS_PER_DRAW = 1 << 20
 
 _KEPT_PROGRAMS, _KEPT_MESHES, _KEPT_TARGETS, _KEPT_ENVIRONMENTS = (
-    8,
+    16,
     16,
     2,
     4,

@@ -58,6 +58,16 @@ class Plan:
     skipped: Mapping[str, str]
 
 
+def check_backend(request: str) -> None:
+    """Check the name of a backend, or of a choice of them.
+
+    Raises:
+        MrmError: there is none of that name.
+    """
+    if request not in ("auto", "all", *BACKENDS):
+        raise MrmError(unknown_backend(request, ("auto", "all", *BACKENDS)))
+
+
 def plan_backends(request: str, probes: Sequence[BackendReport], required: Sequence[str] = ()) -> Plan:
     """Which backends a request means here.
 
@@ -67,8 +77,7 @@ def plan_backends(request: str, probes: Sequence[BackendReport], required: Seque
         MrmError: an unknown backend; one asked for by name or required that does not work; none that works.
     """
     known = {probe.backend: probe for probe in probes}
-    if request not in ("auto", "all", *BACKENDS):
-        raise MrmError(unknown_backend(request, ("auto", "all", *BACKENDS)))
+    check_backend(request)
     for name in required:
         if name not in BACKENDS:
             raise MrmError(f"{REQUIRE_VARIABLE} names {name}; known: {', '.join(BACKENDS)}")
@@ -154,6 +163,7 @@ def run_suite(
             is nothing that `resume` could go on with.
         KeyboardInterrupt: the run was ended.
     """
+    check_backend(backend)
     prepare_folder(folder)
     with ThreadPoolExecutor(1) as pool:
         probing = pool.submit(probe_backends, backend)

@@ -54,11 +54,13 @@ def by_two(worker, tmp_path_factory):
     return folder, run_suite(list(FIRST.values()), folder, worker.backend, jobs=2)
 
 
-@pytest.mark.parametrize("name", FIRST)
+@pytest.mark.parametrize(
+    ("worker", "name"),
+    [(BACKENDS[number % len(BACKENDS)], name) for number, name in enumerate(FIRST)],
+    indirect=["worker"],
+)
 def test_a_case_drawn_first_in_its_process_is_the_case_drawn_later(worker, by_two, name, tmp_path):
     backend = worker.backend
-    if len(BACKENDS) == 2 and list(FIRST).index(name) % 2 != BACKENDS.index(backend):
-        pytest.skip(f"{backend}: its turn is with the next")
     report = run_suite([FIRST[name]], tmp_path, backend, jobs=1)
     folder, later = by_two
     (alone,) = report["cases"]

@@ -4,6 +4,7 @@ import dataclasses
 import gc
 import os
 import random
+import re
 
 import MaterialX as mx
 import numpy as np
@@ -22,8 +23,10 @@ from mrm_nodes.render import (
     sphere,
     write_png,
 )
+from mrm_nodes.render.commonnames import common_names
 from mrm_nodes.render.context import GLContext
 from mrm_nodes.render.environment import Environment, find_environment
+from mrm_nodes.render.gbuffer import Stages
 from mrm_nodes.shadergen import generate_shader
 
 REQUIRED = [name for name in os.environ.get("MRM_REQUIRE_BACKENDS", "").split(",") if name]
@@ -298,3 +301,96 @@ def test_more_images_than_the_driver_reads_are_refused(backend, tmp_path):
     shader = shader_of(f'{nodes}{sums}<output name="o" type="color3" nodename="a{count - 1}"/>', element="o")
     with pytest.raises(MrmError, match=rf"{count} images, but this driver reads {count - 1} at once"):
         renderer.render(shader, plane(), size=(8, 8))
+
+
+def exported(suffix, blue=0.3, between=()):
+    """A material as an exporter writes one from a template: names of its own, and a value."""
+    chain = [f"color_{suffix}", *between]
+    nodes = "".join(
+        f'''
+  <multiply name="{name}" type="color3">
+    <input name="in1" type="color3" {f'nodename="{before}"' if before else f'value="0.8, 0.5, {blue}"'}/>
+    <input name="in2" type="float" value="0.9"/>
+  </multiply>'''
+        for before, name in zip(["", *chain], chain, strict=False)
+    )
+    return shader_of(f"""{nodes}
+  <oren_nayar_diffuse_bsdf name="BSDF_{suffix}" type="BSDF">
+    <input name="color" type="color3" nodename="{chain[-1]}"/>
+  </oren_nayar_diffuse_bsdf>
+  <surface name="SR_{suffix}" type="surfaceshader">
+    <input name="bsdf" type="BSDF" nodename="BSDF_{suffix}"/>
+  </surface>
+  <surfacematerial name="{suffix}" type="material">
+    <input name="surfaceshader" type="surfaceshader" nodename="SR_{suffix}"/>
+  </surfacematerial>""")
+
+
+def test_materials_that_differ_in_names_and_values_share_a_program(backend):
+    light = [DirectionalLight(direction=(0.1, -0.2, -1.0))]
+    with Renderer(backend) as shared:
+        for number, name in enumerate(["a", "b", "mrm_conductor_bsdf_00001"]):
+            shader = exported(name, blue=0.1 * number)
+            drawn = shared.render(shader, sphere(), lights=light, size=(24, 24))
+            with Renderer(backend) as alone:
+                assert bits(alone.render(shader, sphere(), lights=light, size=(24, 24))) == bits(drawn)
+        # The values are found by the names of each document.
+        by_path, by_name = (
+            shared.render(exported("b"), sphere(), lights=light, size=(24, 24), uniforms={name: 0.7})
+            for name in ("BSDF_b/roughness", "BSDF_b_roughness")
+        )
+        assert bits(by_path) == bits(by_name) != bits(drawn)
+        assert len(list(shared._kept.programs)) == 1
+
+
+def test_common_names_change_no_bit(monkeypatch):
+    """Nor do names of GLSL's and MaterialX's own, of ours, and those that stand in their place."""
+    names = [
+        "vd",
+        "BSDF_a_out",
+        "mx_square",
+        "color",
+        "N",
+        "V",
+        "u_time",
+        "mrm_position",
+        "out1",
+        "fd",
+        "lightShader",
+    ]
+    light = [DirectionalLight(direction=(0.1, -0.2, -1.0))]
+    for shader in (exported("a", between=names), exported("a", between=[*names, "mrm_name_0"])):
+        with Renderer("auto") as renderer:
+            drawn = renderer.render(shader, sphere(), lights=light, size=(8, 8))
+        with monkeypatch.context() as unchanged, Renderer("auto") as renderer:
+            unchanged.setattr("mrm_nodes.render.renderer.common_names", lambda stages: (stages, {}))
+            assert bits(renderer.render(shader, sphere(), lights=light, size=(8, 8))) == bits(drawn)
+        assert drawn.image.max() > 0.01
+
+
+def test_only_names_of_main_alone_are_replaced():
+    text = """uniform float read_in1;
+uniform float own_in1;
+float other() { return read_in1; }
+void mrm_materialx_main()
+{
+    {
+        float other = 0.5;
+    }
+    float other_out = own_in1 * other() * read_in1;
+    out1 = vec4(vd.own_in1, other_out, 0.0, 1.0);
+}
+"""
+    stages, names = common_names(Stages("void main() { }", text))
+    own = {"own_in1": "mrm_name_0", "other_out": "mrm_name_1"}
+    assert names == {common: name for name, common in own.items()}
+    for name, common in own.items():
+        text = re.sub(rf"(?<![.\w]){name}\b", common, text)
+    assert stages.pixel == text
+
+
+def test_a_compiler_complains_of_the_documents_names():
+    shader = exported("a")
+    wrong = dataclasses.replace(shader, pixel=shader.pixel.replace("= SR_a_out;", "= SR_a_out.colour;"))
+    with Renderer("auto") as renderer, pytest.raises(MrmError, match=r"= SR_a_out\.colour;`"):
+        renderer.render(wrong, sphere())

@@ -42,7 +42,7 @@ _STATE = {
 
 def check_draw(
     gl: GLContext,
-    program: moderngl.Program,
+    samplers: Mapping[str, Any],
     framebuffer: moderngl.Framebuffer,
     textures: Mapping[str, moderngl.Texture],
     unusual: Mapping[str, tuple[int, ...]],
@@ -50,7 +50,8 @@ def check_draw(
     """Compare OpenGL's state with what a draw is meant to depend on.
 
     Args:
-        textures: what each sampler of the program is meant to read.
+        samplers: the program's, `moderngl.Uniform`s by their names.
+        textures: what each of them is meant to read.
         unusual: what of the state this draw wants otherwise than every other, by its name in OpenGL.
 
     Raises:
@@ -74,8 +75,7 @@ def check_draw(
     drawn_into = {attachment.glo for attachment in framebuffer.color_attachments}
     (active,) = state(_GL_ACTIVE_TEXTURE)
     for name, texture in textures.items():
-        uniform: Any = program[name]
-        unit = int(uniform.value)
+        unit = int(samplers[name].value)
         gl.call("glActiveTexture", _GL_TEXTURE0 + unit)
         found[name], meant[name] = state(_GL_TEXTURE_BINDING_2D), (texture.glo,)
         found[f"the sampler object of {name}"] = state(_GL_SAMPLER_BINDING)

@@ -159,17 +159,20 @@ class GLContext:
         """The texture unit for making and changing textures: moderngl's own, which no draw reads."""
         return int(self.ctx.max_texture_units) - 1
 
-    def bind(self, samplers: Mapping[str, moderngl.Texture], program: moderngl.Program) -> None:
+    def bind(self, textures: Mapping[str, moderngl.Texture], samplers: Mapping[str, Any]) -> None:
         """Bind what a program's samplers read, just before its draw: nothing that came before decides it.
 
         One texture takes one unit, however many samplers read it; there are `upload_unit` of them.
+
+        Args:
+            textures: by the name of the sampler.
+            samplers: their `moderngl.Uniform`s.
         """
         units: dict[int, int] = {}
-        for name, texture in samplers.items():
+        for name, texture in textures.items():
             unit = units.setdefault(texture.glo, len(units))
             texture.use(unit)
-            uniform: Any = program[name]
-            uniform.value = unit
+            samplers[name].value = unit
 
     @property
     def renderer(self) -> str:

@@ -67,7 +67,8 @@ _MAIN = re.compile(r"^void main\(\)", re.MULTILINE)
 _OUTPUT = re.compile(r"^out vec4 (\w+);", re.MULTILINE)
 _VERTEX_DATA = re.compile(r"^in VertexData\s*\{([^}]*)\}\s*(\w+);", re.MULTILINE)
 _MEMBER = re.compile(r"^\s*(?:flat\s+)?(\w+)\s+(\w+)\s*;", re.MULTILINE)
-_MATERIALX_MAIN = re.compile(r"^void mrm_materialx_main\(\)", re.MULTILINE)
+#: What the generated `main` is called in our stages.
+MATERIALX_MAIN = re.compile(r"^void mrm_materialx_main\(\)", re.MULTILINE)
 #: How MaterialX's vertex stage makes a bitangent: its sign is not part of it.
 _BITANGENT = re.compile(r"(\bbitangent(?:World|Object) = )(?=cross\()")
 #: The vertex attribute that turns bitangents.
@@ -232,7 +233,7 @@ def _vertex_stage(source: str, data: _VertexData, *, points: bool) -> str:
     if not points:
         source, turned = _BITANGENT.subn(rf"\1{BITANGENT_SIGN} * ", source)
         if turned:
-            source = _MATERIALX_MAIN.sub(rf"in float {BITANGENT_SIGN};\n\g<0>", source)
+            source = MATERIALX_MAIN.sub(rf"in float {BITANGENT_SIGN};\n\g<0>", source)
     # Two streams may need the same matrix.
     declared = list(dict.fromkeys(declared))
     return source + "\n".join(

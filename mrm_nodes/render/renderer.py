@@ -25,6 +25,7 @@ from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import write_bytes
 from mrm_nodes.render.antialias import sample_offsets
 from mrm_nodes.render.checks import CHECK_VARIABLE, check_draw
+from mrm_nodes.render.commonnames import common_names, documents_names
 from mrm_nodes.render.context import GLContext, get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, find_environment
 from mrm_nodes.render.gbuffer import (
@@ -186,11 +187,19 @@ class _Program:
 
     number: int
     program: moderngl.Program
-    uniforms: dict[str, Any]  # moderngl.Uniform; without the samplers
-    samplers: tuple[str, ...]
+    uniforms: Mapping[str, Any]  # moderngl.Uniform; without the samplers
+    samplers: Mapping[str, Any]
     attributes: dict[str, int]  # by name: how many floats
     sheets: int  # of gbuffer.sheet_stages; 0 for other programs
     targets: int
+
+    def named(self, names: Mapping[str, str]) -> _Program:
+        """The same program, its uniforms and samplers by the names that they have in one of its documents."""
+
+        def own(members: Mapping[str, Any]) -> dict[str, Any]:
+            return {documents_names(name, names): member for name, member in members.items()}
+
+        return replace(self, uniforms=own(self.uniforms), samplers=own(self.samplers))
 
 
 @dataclass(frozen=True, eq=False)
@@ -616,19 +625,21 @@ class Renderer:
     def _program(self, shader: Shader, stages: Stages) -> tuple[_Program, bool]:
         """Return the program of a shader's stages, and whether it was compiled just now."""
         is_new = False
+        common, names = common_names(stages)
 
         def link() -> _Program:
             nonlocal is_new
             is_new = True
             try:
-                program = self._gl.ctx.program(vertex_shader=stages.vertex, fragment_shader=stages.pixel)
+                program = self._gl.ctx.program(vertex_shader=common.vertex, fragment_shader=common.pixel)
             except moderngl.Error as error:
-                raise MrmError(compile_error(str(error), shader.name, stages)) from None
+                message = documents_names(str(error), names)
+                raise MrmError(compile_error(message, shader.name, stages)) from None
             members: dict[str, Any] = {name: program[name] for name in program}
             uniforms: dict[str, Any] = {
                 name: member for name, member in members.items() if isinstance(member, moderngl.Uniform)
             }
-            samplers = tuple(name for name, member in uniforms.items() if member.gl_type == _GL_SAMPLER_2D)
+            samplers = {name: member for name, member in uniforms.items() if member.gl_type == _GL_SAMPLER_2D}
             return _Program(
                 next(self._kept.numbers),
                 program,
@@ -643,7 +654,7 @@ class Renderer:
                 stages.targets,
             )
 
-        return self._kept.programs.get(stages, link), is_new
+        return self._kept.programs.get(common, link).named(names), is_new
 
     def _upload(
         self,
@@ -767,9 +778,9 @@ class Renderer:
 
         state: what of OpenGL's state is not as usual.
         """
-        self._gl.bind(textures, program.program)
+        self._gl.bind(textures, program.samplers)
         if os.environ.get(CHECK_VARIABLE):
-            check_draw(self._gl, program.program, target.framebuffer, textures, state)
+            check_draw(self._gl, program.samplers, target.framebuffer, textures, state)
         array.render(mode, vertices=vertices)
         self._gl.wait()
 

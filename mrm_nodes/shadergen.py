@@ -38,6 +38,8 @@ _ENVIRONMENTS = {
 #: The GLSL macro by which our nodes learn the method, and its value: one loop then serves both lobes.
 _ENVIRONMENT_MACRO = "MRM_ENVIRONMENT"
 _ENVIRONMENT_VALUES = {"fis": 1, "prefilter": 2}
+#: How many lights a shader has room for where nobody asks for more.
+USUAL_LIGHTS = 4
 _INTERFACES = {"complete": "SHADER_INTERFACE_COMPLETE", "reduced": "SHADER_INTERFACE_REDUCED"}
 
 
@@ -127,7 +129,7 @@ def generate_shader(
     *,
     environment: str = "fis",
     interface: str = "complete",
-    max_lights: int = 4,
+    max_lights: int = USUAL_LIGHTS,
     libraries: str | os.PathLike[str] | None = None,
     allow_external: bool = False,
     varying: Iterable[str] = (),
@@ -145,7 +147,7 @@ def generate_shader(
             where the document has several materials.
         environment: how image light is evaluated in the GLSL family: `fis`, `prefilter` or `none`.
         interface: `complete` makes every input a uniform, `reduced` only those that the document sets.
-        max_lights: size of the light array of the GLSL family.
+        max_lights: size of the light array of the GLSL family; `room_for` says what so many lights need.
         libraries: a MaterialX `libraries` folder to use in place of the installed MaterialX's.
         allow_external: as in `read_document`.
         varying: inputs, by path or by their uniforms' names, that will get other values than the document's: a
@@ -256,6 +258,11 @@ def generate_shader(
         sampling=sampling,
         renamed=renamed,
     )
+
+
+def room_for(lights: int) -> int:
+    """`max_lights` for so many lights: the usual number where that is enough, so that shaders are shared."""
+    return max(USUAL_LIGHTS, lights)
 
 
 def _undrawn(element: mx.Element) -> list[str]:

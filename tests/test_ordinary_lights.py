@@ -19,6 +19,7 @@ from mrm_nodes.render import (
     SpotLight,
     parse_camera,
     probe_backends,
+    render,
 )
 
 LIGHTS = {
@@ -88,6 +89,23 @@ def test_an_ordinary_material_passes_and_would_notice_a_thousandth(
         assert (outcome.message, outcome.verdict) == ("", "pass"), (name, outcome.figures)
         assert outcome.figures is not None and outcome.figures.notices is not None
         assert outcome.figures.notices < 1e-3, name
+
+
+@pytest.mark.parametrize("count", [6, 40])
+def test_more_lights_than_usual_just_work(count: int, workers: list[Worker], tmp_path: Path):
+    lights = tuple((LIGHTS | {"sun": DirectionalLight((0.3, -0.2, -1.0))}).values()) * (count // 5 + 1)
+    path = write(tmp_path, MATERIALS["no extinction"])
+    case = replace(case_of(path), lights=lights[:count], size=(24, 24))
+    for worker in workers:
+        outcome = worker.run(case, tmp_path / worker.backend)
+        assert (outcome.message, outcome.verdict) == ("", "pass")
+        assert outcome.figures is not None and (outcome.figures.notices or 1.0) < 1e-3
+    # And of the other ways to an image, without a word of how many there are.
+    one, all_of_them = (render(path, lights=some, size=(24, 24)).image for some in (lights[0], lights[:count]))
+    each = sum(render(path, lights=light, size=(24, 24)).image.astype(float) for light in lights[:5])
+    assert not np.allclose(one, all_of_them)
+    if count % 5 == 0:
+        np.testing.assert_allclose(all_of_them, each * (count // 5), rtol=1e-4, atol=1e-6)
 
 
 def as_shaded(light: dict, position: np.ndarray) -> np.ndarray:

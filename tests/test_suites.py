@@ -107,6 +107,26 @@ def test_what_a_case_says_goes_over_the_defaults_and_what_adjusts_it_over_both(f
     assert metal.time_limit == velvet.time_limit == 30.0
 
 
+def test_a_suite_says_for_how_many_lights_its_shaders_have_room(folder: Path):
+    text = """
+    [defaults]
+    max_lights = 5
+    [lights]
+    six = ["camera", "camera", "camera", "camera", "camera", "camera"]
+    [[case]]
+    material = "metal.mtlx"
+    {more}
+    """
+    (case,) = cases_of(folder, text.format(more=""))
+    assert case.room == case.describe()["max_lights"] == 5
+    (case,) = cases_of(folder, text.replace("max_lights = 5", "").format(more='light = "six"'))
+    assert case.room == 6 and "max_lights" not in case.describe()
+    with pytest.raises(SuiteError, match=r"suite.toml:3: defaults.max_lights: 6 lights, but room for 5"):
+        cases_of(folder, text.format(more='light = "six"'))
+    with pytest.raises(SuiteError, match=r"max_lights: expected greater than or equal to 1"):
+        cases_of(folder, text.replace("= 5", "= 0").format(more=""))
+
+
 def test_each_case_says_which_truth_it_has_and_why(folder: Path):
     metal, velvet = cases_of(folder, '[[case]]\nmaterial = "*.mtlx"')
     assert (metal.truth, velvet.truth) == ("physics", "baseline")

@@ -131,7 +131,7 @@ def render(
     from mrm_nodes.render.renderer import render as render_material
     from mrm_nodes.render.scene import parse_camera, parse_light
     from mrm_nodes.render.sweep import frames_of
-    from mrm_nodes.shadergen import generate_shader
+    from mrm_nodes.shadergen import generate_shader, room_for
 
     moves = _motion(turntable, light_sweep, lights)
     files = _planned(outputs, moves)
@@ -151,9 +151,10 @@ def render(
     pixels = parse_size(size)
     _check_size(outputs, pixels)
     say_what_is_of_pictures_only(outputs, look)
-    shader = generate_shader(file, element=element, allow_external=allow_external)
-    shape = load_mesh(mesh)
     lit = lights or (() if around else ("camera",))
+    room = room_for(len(lit))
+    shader = generate_shader(file, element=element, allow_external=allow_external, max_lights=room)
+    shape = load_mesh(mesh)
     parsed_lights = [parse_light(light) for light in lit]
     parsed_camera = None if camera is None else parse_camera(camera)
     frames = frames_of(*moves, shape, camera, lit, around, pixels[0] / pixels[1]) if moves else []

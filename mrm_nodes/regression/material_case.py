@@ -33,7 +33,7 @@ from mrm_nodes.render.meshfile import load_mesh, mesh_files
 from mrm_nodes.render.renderer import RenderedImage
 from mrm_nodes.render.scene import Camera, Framing, Light
 from mrm_nodes.render.uniforms import uniforms_of
-from mrm_nodes.shadergen import Shader
+from mrm_nodes.shadergen import Shader, room_for
 
 Array = NDArray[np.float64]
 Truth = Literal["physics", "baseline"]
@@ -88,6 +88,8 @@ class MaterialCase:
     """None by default."""
     environment: EnvironmentMap | None = None
     """Black by default."""
+    max_lights: int | None = None
+    """How many lights its shader has room for; by default as many as it needs, and no fewer than usual."""
     size: tuple[int, int] = (256, 256)
     """Width and height in pixels."""
     tolerance: Tolerance = field(default_factory=Tolerance)
@@ -126,7 +128,13 @@ class MaterialCase:
     @property
     def structure(self) -> tuple[Any, ...]:
         """Values are uniforms: which inputs have one is what makes a shader another one."""
-        return (self.target, str(self.root), self.material, self.element, tuple(sorted(self.inputs)))
+        inputs = tuple(sorted(self.inputs))
+        return (self.target, str(self.root), self.material, self.element, inputs, self.room)
+
+    @property
+    def room(self) -> int:
+        """How many lights its shader has room for."""
+        return room_for(len(self.lights)) if self.max_lights is None else self.max_lights
 
     def describe(self) -> dict[str, Any]:
         """What it is, for the report; the same wherever the suite lies."""
@@ -148,6 +156,8 @@ class MaterialCase:
             "mask": self.mask and self._told(self.mask),
             "baselines": self._told(self.baselines),
             "allow_external": self.allow_external,
+            # Without it a case is told as before it could be asked for: its stored image stays accepted.
+            **({} if self.max_lights is None else {"max_lights": self.max_lights}),
         }
 
     def _told(self, name: str) -> str:
@@ -341,7 +351,7 @@ class _Bench:
 
     def _generate(self, key: Any, document: Callable[[], mx.Document], element: str) -> Shader:
         with timed(self.outcome, "generate"):
-            return self._workshop.shader(key, document, element, self.case.inputs)
+            return self._workshop.shader(key, document, element, self.case.inputs, self.case.room)
 
     def render(self, shader: Shader, environment: Environment | None = None) -> RenderedImage:
         """Draw the case with its lights."""

@@ -430,6 +430,13 @@ class _Maker:
                     raise Fault((key,), str(error)) from None
         if not fields["lights"] and settings.environment is None:
             raise Fault(("light",), "no light and no environment: the image would be black; name one of them")
+        if settings.max_lights is not None:
+            if settings.max_lights < len(fields["lights"]):
+                raise Fault(
+                    ("max_lights",),
+                    f"{len(fields['lights'])} lights, but room for {settings.max_lights}: raise it, or leave it out",
+                )
+            fields["max_lights"] = settings.max_lights
         if settings.size is not None:
             fields["size"] = settings.size
         if settings.time_limit is not None:

@@ -128,6 +128,8 @@ class Settings(_Table):
     Without it two directional lights, or none where there is an environment."""
     environment: _Name | None = None
     """`sky`, `studio`, a name of `[environments]`, or a latitude-longitude .hdr or .exr file."""
+    max_lights: Annotated[int, Field(ge=1, le=1000)] | None = None
+    """How many lights its shader has room for; without it 4, or as many as the case has."""
     size: _Size | None = None
     """Pixels: `"640x480"`, `[640, 480]`, or `256` for a square."""
     tolerance: _Tolerance | None = None

@@ -62,7 +62,7 @@ class Picture:
         if around is not None:
             lit = around.name if around.name in BUILT_IN_ENVIRONMENTS else case.root / around.name
         drawn = render_shader(
-            shadergen.generate_shader(document, element=case.element),
+            shadergen.generate_shader(document, element=case.element, max_lights=case.room),
             case.mesh if case.mesh in BUILT_IN else case.root / case.mesh,
             case.camera,
             case.lights,

@@ -13,7 +13,7 @@ from mrm_nodes.regression import material
 from mrm_nodes.render.context import get_context
 from mrm_nodes.render.recent import Recent
 from mrm_nodes.render.renderer import Renderer
-from mrm_nodes.shadergen import Shader, generate_shader
+from mrm_nodes.shadergen import USUAL_LIGHTS, Shader, generate_shader
 
 _KEPT_SHADERS = 64
 
@@ -40,15 +40,18 @@ class Workshop:
         document: Callable[[], mx.Document],
         element: str | None = None,
         varying: Iterable[str] = (),
+        max_lights: int = USUAL_LIGHTS,
     ) -> Shader:
         """The shader of a key; `document` makes what it is generated from where there is none yet.
 
-        varying: as in `generate_shader`, where tasks of one key have different values of some inputs.
+        varying, max_lights: as in `generate_shader`; tasks of one key may have different values of varying inputs.
         """
 
         def make() -> Shader:
             return self._edit(
-                generate_shader(document(), element=element or material.MATERIAL, varying=varying)
+                generate_shader(
+                    document(), element=element or material.MATERIAL, varying=varying, max_lights=max_lights
+                )
             )
 
         return self._shaders.get(key, make)

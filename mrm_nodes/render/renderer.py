@@ -45,7 +45,7 @@ from mrm_nodes.render.recent import Recent
 from mrm_nodes.render.scene import Camera, Framing, Light, parse_camera, parse_light, vector
 from mrm_nodes.render.textures import Sampling, TextureCache, border_color, find_image
 from mrm_nodes.render.uniforms import Uniform, uniforms_of
-from mrm_nodes.shadergen import Shader, generate_shader
+from mrm_nodes.shadergen import Shader, generate_shader, room_for
 
 Floats = NDArray[np.float32]
 T = TypeVar("T")
@@ -688,7 +688,10 @@ class Renderer:
         }
         room = sum(re.fullmatch(r"u_lightData\[\d+\]\.type", name) is not None for name in program.uniforms)
         if lights and len(lights) > room and "u_numActiveLightSources" in program.uniforms:
-            raise MrmError(f"{shader.name}: {len(lights)} lights, but the shader was generated for {room}")
+            raise MrmError(
+                f"{shader.name}: {len(lights)} lights, but the shader was generated for {room}: "
+                f"generate it with max_lights={len(lights)}"
+            )
         for index, light in enumerate(lights):
             own |= {f"u_lightData[{index}].{name}": value for name, value in light.data(camera).items()}
 
@@ -1011,7 +1014,12 @@ def render(
     parsed_lights = [parse_light(light) if isinstance(light, str) else light for light in listed]
     parsed_camera = parse_camera(camera) if isinstance(camera, str) else camera
     loaded = mesh if isinstance(mesh, Mesh) else load_mesh(mesh)
-    shader = material if isinstance(material, Shader) else generate_shader(material, varying=uniforms or ())
+    room = room_for(len(parsed_lights))
+    shader = (
+        material
+        if isinstance(material, Shader)
+        else generate_shader(material, varying=uniforms or (), max_lights=room)
+    )
     around = environment if isinstance(environment, Environment | None) else find_environment(environment)
     development.behind(around)
 

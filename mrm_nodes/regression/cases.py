@@ -256,14 +256,19 @@ def _inputs() -> Iterator[Case]:
 
 
 def _layers() -> Iterator[Case]:
-    """The dielectric as a coat over a diffuse base, which sees what the coat lets through."""
+    """Each node over a diffuse base, which sees what is let through: of a metal nothing."""
+    conductor, dielectric, schlick = NODES
+    below = (0.8, 0.2, 0.1)
     for weight in WEIGHTS:
-        yield _case(
-            "mrm_dielectric_bsdf",
-            f"over-diffuse-retro{weight:g}",
-            {"retroreflectivity": weight},
-            base=(0.8, 0.2, 0.1),
-        )
+        yield _case(dielectric, f"over-diffuse-retro{weight:g}", {"retroreflectivity": weight}, base=below)
+    half: dict[str, Value] = {"retroreflectivity": 0.5}
+    yield _case(conductor, "over-diffuse", half, base=below)
+    yield _case(schlick, "over-diffuse", {**half, "color0": (0.3, 0.2, 0.1)}, base=below)
+    # What a layer lets through is the only thing that depends on how an albedo is split between F0 and F90.
+    for distribution, masking in (*OTHER_PAIRS, ("phong", "vcavity")):
+        pair: dict[str, Value] = {**half, "distribution": distribution, "masking": masking}
+        name = f"{distribution}-{masking}-over-diffuse"
+        yield _case(dielectric, name, pair, patterns={"roughness": "wear"}, base=below)
 
 
 def _lights() -> Iterator[Case]:

@@ -101,7 +101,9 @@ def test_more_lights_than_usual_just_work(count: int, workers: list[Worker], tmp
         assert (outcome.message, outcome.verdict) == ("", "pass")
         assert outcome.figures is not None and (outcome.figures.notices or 1.0) < 1e-3
     # And of the other ways to an image, without a word of how many there are.
-    one, all_of_them = (render(path, lights=some, size=(24, 24)).image for some in (lights[0], lights[:count]))
+    one, all_of_them = (
+        render(path, lights=some, size=(24, 24)).image for some in (lights[0], lights[:count])
+    )
     each = sum(render(path, lights=light, size=(24, 24)).image.astype(float) for light in lights[:5])
     assert not np.allclose(one, all_of_them)
     if count % 5 == 0:

@@ -52,6 +52,12 @@ MATERIALS = {
         + number("roughness", 0.7)
         + '<input name="energy_compensation" type="boolean" value="true" />',
     ),
+    "oren-nayar, compensated, brighter than white": of_node(
+        "oren_nayar_diffuse_bsdf",
+        '<input name="color" type="color3" value="1.5, 3, 5.5" />'
+        + number("roughness", 1.0)
+        + '<input name="energy_compensation" type="boolean" value="true" />',
+    ),
     "total reflection": of_node("mrm_dielectric_bsdf", number("ior", 0.7) + LOBE),
     "an index of 1.01": of_node("mrm_dielectric_bsdf", number("ior", 1.01) + LOBE),
     "no extinction": of_node(

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrm_nodes import reference as ref
-from mrm_nodes.reference.diffuse import fujii_albedo
+from mrm_nodes.reference.diffuse import C1, C2, fujii_albedo
 
 TURN = np.array([-1.0, -1.0, 1.0])
 
@@ -455,6 +455,7 @@ V = np.array([0.6, 0.0, 0.8])
         (lambda: ref.lambert(0.5, V * 2.0, V), ["v", "unit length"]),
         (lambda: ref.lambert(np.ones((2, 3)), np.tile(V, (4, 1)), V), ["broadcast", "albedo (2,)", "v (4,)"]),
         (lambda: ref.oren_nayar(0.5, 1.5, V, V), ["roughness", "1.5"]),
+        (lambda: ref.oren_nayar((0.5, 6.1, 1.0), 1.0, V, V, True), ["albedo", "below 5.98", "6.1"]),
         (lambda: ref.oren_nayar(0.5, np.ones(3), np.tile(V, (4, 1)), V), ["broadcast", "roughness (3,)"]),
         (lambda: ref.eon(0.5, np.ones(3), np.tile(V, (4, 1)), V), ["broadcast", "roughness (3,)", "v (4,)"]),
         (lambda: ref.diffuse_microfacets(ref.GGX([0.3, 0.4]), 0.5, V, V), ["ax"]),
@@ -595,6 +596,18 @@ def test_the_qualitative_oren_nayar_is_that_of_1994():
         )
     away, back = np.array([0.96, 0.0, 0.28]), np.array([-0.96, 0.0, 0.28])
     assert (ref.oren_nayar(0.5, 0.8, away, back, True) > ref.eon(0.5, 0.8, away, back)).all()
+
+
+def test_a_colour_above_1_comes_back_bounce_by_bounce():
+    """What EON puts back is a sum over bounces (its eq. 19), which a colour above 1 changes in nothing but its size."""
+    v, l, roughness = np.array([0.6, 0.0, 0.8]), np.array([0.0, -0.8, 0.6]), 0.9  # noqa: E741
+    average = (1.0 + C2 * roughness) / (1.0 + C1 * roughness)
+    lost_v, lost_l = 1.0 - fujii_albedo(0.8, roughness), 1.0 - fujii_albedo(0.6, roughness)
+    single = ref.oren_nayar(1e-9, roughness, v, l, True)[0] * 1e9
+    for rho in (0.5, 2.0, 5.5):
+        bounces = math.fsum(rho * (rho * (1.0 - average)) ** k for k in range(1000)) * rho * average
+        back = bounces * lost_v * lost_l / (1.0 - average) / math.pi
+        assert ref.oren_nayar(rho, roughness, v, l, True)[0] == pytest.approx(rho * single + back, rel=1e-7)
 
 
 def test_layers_do_what_materialx_says():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import check_shapes, check_unit, colour, directions, scalar
+from .checks import check_shapes, check_unit, colour, directions, first, scalar
 from .compiled import Array
 from .distributions import Distribution
 
@@ -48,6 +48,11 @@ def fujii_albedo(cosine: ArrayLike, roughness: ArrayLike) -> Array:
     return np.asarray(scale + r * scale * g / np.pi)
 
 
+def _fujii_lost(roughness: Array) -> Array:
+    """What the mean of `fujii_albedo` lacks of 1 (EON, eq. 20)."""
+    return roughness * (C1 - C2) / (1.0 + C1 * roughness)
+
+
 def eon(albedo: ArrayLike, roughness: ArrayLike, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
     """The energy-preserving Oren-Nayar BRDF in 1/sr, without the cosine: shape (..., 3).
 
@@ -79,10 +84,9 @@ def _eon(rho: Array, r: Array, cos_v: Array, cos_l: Array, s: Array) -> Array:
     ratio = np.where(s > 0.0, s / np.maximum(mu_v, mu_l), s)
     scale = 1.0 / (1.0 + C1 * r)
     single = rho / np.pi * scale * (1.0 + r * ratio)
-    average = scale * (1.0 + C2 * r)
     # At roughness 0 nothing is lost, and nothing is put back.
-    lost = np.maximum(1.0 - average, 1e-300)
-    multiple_rho = rho * rho * average / (1.0 - rho * (1.0 - average))
+    lost = np.maximum(_fujii_lost(r), 1e-300)
+    multiple_rho = rho * rho * (1.0 - lost) / (1.0 - rho * lost)
     lost_v = np.maximum(1.0 - fujii_albedo(mu_v, r), 0.0)
     lost_l = np.maximum(1.0 - fujii_albedo(mu_l, r), 0.0)
     multiple = np.where(r > 0.0, multiple_rho / np.pi * lost_v * lost_l / lost, 0.0)
@@ -99,10 +103,20 @@ def oren_nayar(
     """MaterialX's `oren_nayar_diffuse_bsdf` in 1/sr, without the cosine: shape (..., 3).
 
     Without `energy_compensation` the qualitative model of Oren and Nayar 1994, otherwise EON; in both, MaterialX
-    keeps v.l from being negative. Other arguments, and what is raised (`ValueError`), as for `eon`.
+    keeps v.l from being negative. Other arguments, and what is raised (`ValueError`), as for `eon`, but that an albedo
+    may be above 1, as MaterialX has it; with `energy_compensation` up to where what the facets give each other no
+    longer sums up: 1 / (1 - E) with Fujii's mean albedo E, 5.98 at roughness 1.
     """
-    rho = colour("albedo", albedo, 0.0, 1.0)
+    rho = colour("albedo", albedo, 0.0)
     r = scalar("roughness", roughness, 0.0, 1.0)
+    if energy_compensation:
+        lost = _fujii_lost(r)
+        bad = rho * lost >= 1.0
+        if bad.any():
+            raise ValueError(
+                f"albedo must be below {1.0 / lost.max():.3g} with energy compensation at roughness {r.max():g}, "
+                f"not {first(np.broadcast_to(rho, bad.shape), bad)}: facets would give each other ever more light"
+            )
     view, light = directions("v", v), directions("l", l)
     check_unit("v", view)
     check_unit("l", light)

@@ -87,7 +87,7 @@ class OrenNayar:
     """MaterialX's `oren_nayar_diffuse_bsdf` for a `Leaf`; nothing below it shows."""
 
     albedo: ArrayLike
-    """Reflectance, 0 to 1: a number or (..., 3)."""
+    """Reflectance: a number or (..., 3); it may be above 1, as `oren_nayar` says."""
     roughness: ArrayLike = 0.0
     """0 to 1: (...)."""
     energy_compensation: bool = False

@@ -293,10 +293,7 @@ class _Response(layers.Closure):
             value: Array = self.lobe.eval(view, light)
             return value
         color, roughness = as_float32(self.values["color"]), as_float32(self.values["roughness"])
-        if self.values["energy_compensation"]:
-            return layers.OrenNayar(color, roughness, True).eval(view, light)
-        # Linear in the colour, which MaterialX allows to be above 1.
-        return layers.OrenNayar(1.0, roughness).eval(view, light) * color
+        return layers.OrenNayar(color, roughness, bool(self.values["energy_compensation"])).eval(view, light)
 
     def _local(self, direction: Any) -> Array:
         local: Array = np.einsum("nij,nj->ni", self.frame, direction)
@@ -447,8 +444,11 @@ class _Judged(_Response):
         (lost_v, wrong_v), (lost_l, wrong_l) = (
             _lost_albedo(np.clip(each[..., 2:], LEAKED_COSINE, 1.0), roughness) for each in (view, light)
         )
-        back = color**2 * average / (1.0 - color * (1.0 - average)) / (np.pi * lost)
-        wrong = wrong_v * lost_l + lost_v * wrong_l + lost_v * lost_l * 2 * UNIT / lost
+        # What a colour above 1 leaves of 1 is as inexact as what the mean albedo lacks of it.
+        left = 1.0 - color * (1.0 - average)
+        back = color**2 * average / left / (np.pi * lost)
+        unsure = 2 * UNIT / lost + 2 * UNIT * color / left
+        wrong = wrong_v * lost_l + lost_v * wrong_l + lost_v * lost_l * unsure
         return np.asarray(back * wrong)
 
     def _leak(self, view: Array, light: Array) -> Array | float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -10,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 import MaterialX as mx
+import numpy as np
 import pytest
 
 import mrm_nodes
@@ -21,9 +23,11 @@ from mrm_nodes.library import (
     INSTALL_NAME,
     install,
     materials_path,
+    root_path,
     shared_library,
     uninstall,
 )
+from mrm_nodes.reference.albedo_fit import COEFFICIENTS, as_glsl
 
 NODES = ["mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"]
 MATERIALX_LIBRARIES = Path(mx.getDefaultDataSearchPath().asString()) / "libraries"
@@ -286,3 +290,20 @@ def test_a_full_disk_leaves_the_earlier_installation(libraries: Path, monkeypatc
         install(libraries)
     monkeypatch.undo()
     assert files_below(libraries) == before
+
+
+# --- the numbers that stand in two languages
+
+
+def test_the_fitted_coefficients_are_the_evaluator_s_and_the_host_s():
+    """Two witnesses of one fit: the evaluator follows its coefficients, and they are no formula to derive again."""
+    ours = (root_path() / "glsl/lib/mrm_microfacet.glsl").read_text()
+    pairs = [("phong", "vcavity"), ("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity")]
+    written = re.findall(r"^        r = vec4.*?;", ours, re.MULTILINE | re.DOTALL)
+    assert written == [as_glsl(COEFFICIENTS[pair]) for pair in pairs]
+    # The host's own nodes have this one.
+    host = (MATERIALX_LIBRARIES / "pbrlib/genglsl/lib/mx_microfacet_specular.glsl").read_text()
+    rows = re.findall(r"vec4\(([^()]*)\)", host.partition("mx_ggx_dir_albedo_analytic")[2])[:9]
+    fitted = np.array([[float(number) for number in row.split(",")] for row in rows])
+    np.testing.assert_array_equal(fitted, COEFFICIENTS["ggx", "smith"])
+    assert set(COEFFICIENTS) == {*pairs, ("ggx", "smith")}

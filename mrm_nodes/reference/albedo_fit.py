@@ -8,11 +8,12 @@ their denominators.
 GGX with Smith's height-correlated masking is MaterialX 1.39's own fit. The others are ours, made by `fit`
 below from the evaluator's quadrature, as close to E as the form allows but not below it, so that
 compensation makes less than 1e-3 of energy. `python -m mrm_nodes.reference.albedo_fit` makes them again, to
-3e-3 in E: the optimum is flat."""
+3e-3 in E: the optimum is flat. It prints each for this table, and as `mrm_microfacet.glsl` has it."""
 
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .compiled import Array
 
@@ -174,14 +175,33 @@ def fit(pair: Pair) -> Array:
     return np.stack([a[0], b[0], a[1], b[1]], axis=-1)
 
 
+_TERMS = ("", " * x", " * y", " * x * y", " * x2", " * y2", " * x2 * y", " * x * y2", " * x2 * y2")
+
+
+def as_glsl(rows: ArrayLike) -> str:
+    """Coefficients (9, 4) as the sum in the nodes' GLSL."""
+    sums = [
+        f"vec4({', '.join(_text(value) for value in row)}){term}"
+        for row, term in zip(np.asarray(rows), _TERMS, strict=True)
+    ]
+    return "        r = " + "\n            + ".join(sums) + ";"
+
+
+def _text(value: float) -> str:
+    text = f"{value:.6g}"
+    return text if "." in text else f"{text}.0"
+
+
 def main() -> None:
-    """Fit every pair but MaterialX's, and print the table."""
-    for pair in COEFFICIENTS:
-        if pair != ("ggx", "smith"):
-            print(f"    {pair}: (")
-            for row in fit(pair):
-                print("        (" + ", ".join(f"{value:.6g}" for value in row) + "),")
-            print("    ),")
+    """Fit every pair but MaterialX's, and print the table, then the GLSL's."""
+    found = {pair: fit(pair) for pair in COEFFICIENTS if pair != ("ggx", "smith")}
+    for pair, rows in found.items():
+        print(f"    {pair}: (")
+        for row in rows:
+            print("        (" + ", ".join(map(_text, row)) + "),")
+        print("    ),")
+    for pair, rows in found.items():
+        print(f"// {pair}\n{as_glsl(rows)}")
 
 
 if __name__ == "__main__":

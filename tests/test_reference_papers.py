@@ -7,11 +7,13 @@ taken from the evaluator. Fresnel's equations are the amplitudes of complex numb
 import functools
 import math
 
+import mpmath
 import numpy as np
 import pytest
 from scipy import special
 
 from mrm_nodes import reference as ref
+from mrm_nodes.reference import energy_formulas as energy
 
 
 class Slopes:
@@ -311,14 +313,54 @@ def test_distributions_are_heitzs(make, name, masking):
             np.testing.assert_allclose(made.G2(v, l, m, masking, correlation), both, rtol=1e-10, atol=1e-300)
 
 
-def test_fresnels_reflectance_is_that_of_complex_amplitudes():
+def exact_fresnel(cosine, n, k):
+    """`fresnel` in numbers of 50 digits."""
+    c, squared = mpmath.mpf(cosine), mpmath.mpc(n, k) ** 2
+    refracted = mpmath.sqrt(squared - 1 + c * c)
+    perpendicular = (c - refracted) / (c + refracted)
+    parallel = (squared * c - refracted) / (squared * c + refracted)
+    return (abs(perpendicular) ** 2 + abs(parallel) ** 2) / 2
+
+
+def test_fresnels_reflectance_is_exact_to_14_digits_at_any_index():
+    """Near index 1 too, where both amplitudes are small, and of a metal that absorbs next to nothing."""
     rng = np.random.default_rng(7)
-    cosine = np.concatenate([rng.random(2000), [0.0, 1.0, 1e-9]])
-    index, k = rng.uniform(0.1, 5.0, cosine.size), rng.uniform(0.0, 9.0, cosine.size)
-    np.testing.assert_allclose(ref.fresnel_dielectric(cosine, index), fresnel(cosine, index), atol=1e-14)
-    np.testing.assert_allclose(
-        ref.fresnel_conductor(cosine, index, k), fresnel(cosine, index + 1j * k), atol=1e-13
-    )
+    count = 600
+    cosine = rng.choice([rng.random(count), 10.0 ** rng.uniform(-9.0, 0.0, count), np.ones(count)])
+    near_1 = 1.0 + 10.0 ** rng.uniform(-12.0, -1.0, count) * rng.choice([-1.0, 1.0], count)
+    n = rng.choice([rng.uniform(0.1, 5.0, count), 10.0 ** rng.uniform(-6.0, 6.0, count), near_1])
+    k = rng.choice([rng.uniform(0.0, 9.0, count), 10.0 ** rng.uniform(-12.0, 6.0, count)])
+    cosine, n, k = (np.stack([a, b]).ravel() for a, b in ((cosine, np.full(count, 0.8)), (n, near_1), (k, k)))
+    with mpmath.workdps(50):
+        absorbing = [float(exact_fresnel(*each)) for each in zip(cosine, n, k, strict=True)]
+        clear = [float(exact_fresnel(*each, 0.0)) for each in zip(cosine, n, strict=True)]
+    np.testing.assert_allclose(ref.fresnel_conductor(cosine, n, k), absorbing, rtol=1e-14)
+    np.testing.assert_allclose(ref.fresnel_dielectric(cosine, n), clear, rtol=1e-14)
+    np.testing.assert_allclose(ref.fresnel_conductor(cosine, n, 0.0), clear, rtol=1e-14)
+
+
+def test_the_public_reflectance_is_that_of_the_lobes():
+    """A facet that lies flat, seen and lit at its own mirror angle."""
+    rng = np.random.default_rng(8)
+    v = directions(rng, 200, (1,))
+    n, k, f0, f82 = 1.0 + 10.0 ** rng.uniform(-9.0, 0.5, 200), *rng.random((3, 200))
+    cosine = 0.5 * np.linalg.norm(v + v * [-1.0, -1.0, 1.0], axis=-1)
+
+    def seen(lobe):
+        return lobe._reflectance(cosine[:, None], energy.NONE)[:, 0]
+
+    np.testing.assert_allclose(seen(ref.Dielectric(n, 0.3)), ref.fresnel_dielectric(cosine, n), rtol=1e-15)
+    metal = ref.Conductor(*(each[:, None] for each in (n, k)), 0.3)
+    np.testing.assert_allclose(seen(metal), ref.fresnel_conductor(cosine, n, k), rtol=1e-15)
+    for exponent in (5.0, 0.5):
+        tape = ref.GeneralizedSchlick(f0[:, None], f82[:, None], 0.9, exponent, 0.3)
+        np.testing.assert_allclose(
+            seen(tape), ref.fresnel_schlick(cosine, f0, f82, 0.9, exponent), rtol=1e-15
+        )
+
+
+def test_schlicks_curve_is_as_printed():
+    cosine = np.concatenate([np.random.default_rng(7).random(2000), [0.0, 1.0, 1e-9]])
     for exponent in (0.5, 3.0, 5.0):
         np.testing.assert_allclose(
             ref.fresnel_schlick(cosine, 0.3, 0.2, 0.9, exponent), schlick(cosine, 0.3, 0.2, 0.9, exponent),

@@ -19,7 +19,6 @@ from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
 from .compiled import Array
 from .energy import RESOLUTION, white_albedo_table
 from .energy_formulas import COLUMNS, ROWS
-from .fresnel import fresnel_conductor
 
 #: Complex index of a copper-like metal, for red, green and blue.
 IOR, EXTINCTION = (0.2004, 0.9240, 1.1022), (3.9129, 2.4528, 2.1421)
@@ -104,7 +103,13 @@ def numpy_conductor(v: Array, l: Array, alpha: float) -> Array:  # noqa: E741
     x, y, z = (h / length[:, None]).T
     d = 1.0 / (np.pi * alpha**2 * ((x**2 + y**2) / alpha**2 + z**2) ** 2)
     areas = [0.5 * (w[:, 2] + np.sqrt(w[:, 2] ** 2 + alpha**2 * (1.0 - w[:, 2] ** 2))) for w in (v, l)]
-    f = fresnel_conductor(np.minimum(0.5 * length, 1.0)[:, None], IOR, EXTINCTION)
+    c2, n2, k2 = 0.25 * length[:, None] ** 2, np.square(IOR), np.square(EXTINCTION)
+    s2 = 1.0 - c2
+    modulus = np.hypot(n2 - k2 - s2, 2.0 * np.sqrt(n2 * k2))
+    cross = np.sqrt(2.0 * (modulus + n2 - k2 - s2) * c2)
+    rs = (modulus + c2 - cross) / (modulus + c2 + cross)
+    both = c2 * modulus + s2**2
+    f = 0.5 * rs * (1.0 + (both - cross * s2) / (both + cross * s2))
     return np.asarray(f * (d / (4.0 * areas[0] * areas[1]))[:, None])
 
 

@@ -6,30 +6,40 @@ The scalar formulas are compiled; the public functions below them take and retur
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import LARGEST_INDEX, check_shapes, numbers
-from .compiled import Array, contracted, formula
+from .compiled import Array, Kernel, contracted, formula, run
 
 DIELECTRIC = 0
 CONDUCTOR = 1
 SCHLICK = 2
 
 
+# Of a smaller squared index, sin² is known better than index² - 1.
+_THIN = 0.5
+
+
 @formula
 def dielectric_reflectance(cosine: float, eta: float) -> float:
     """Unpolarised reflectance of a dielectric, `eta` = far / near (article 003, "Fresnel's Law").
 
-    Snell gives the refracted cosine times eta: g = sqrt(eta² - 1 + cosine²); no real g is total internal
-    reflection."""
-    g_squared = eta * eta - 1.0 + cosine * cosine
-    g = math.sqrt(max(g_squared, 0.0))
-    perpendicular = (cosine - g) / (cosine + g)
-    parallel = (eta * eta * cosine - g) / (eta * eta * cosine + g)
-    reflectance = 0.5 * (perpendicular * perpendicular + parallel * parallel)
-    return 1.0 if g_squared <= 0.0 else reflectance
+    Snell gives the refracted cosine times eta: g = sqrt(eta² - s²); no real g is total internal reflection. With
+    c² - g² = 1 - eta², Rs = (c - g)² / (c + g)² is (eta² - 1)² / (c + g)⁴, where an index near 1 cancels nothing, and
+    Rp is Rs (g c - s²)² / (g c + s²)²."""
+    c2, s2 = cosine * cosine, (1.0 - cosine) * (1.0 + cosine)
+    over_1 = (eta - 1.0) * (eta + 1.0)
+    g2 = eta * eta - s2 if eta * eta < _THIN else over_1 + c2
+    g = math.sqrt(max(g2, 0.0))
+    # (c + g)²: at c = 0 just what stands above.
+    perpendicular = over_1 + 2.0 * cosine * (cosine + g)
+    parallel = g * cosine + s2
+    below = perpendicular * parallel
+    reflectance = over_1 * over_1 * (g2 * c2 + s2 * s2) / (below * below)
+    return 1.0 if g2 <= 0.0 else min(reflectance, 1.0)
 
 
 @formula
@@ -46,22 +56,24 @@ def dielectric_transmittance(near: float, near_index: float, far: float, far_ind
 
 @contracted
 def conductor_reflectance(cosine: float, n: float, k: float) -> float:
-    """Unpolarised reflectance of a conductor with index n + ik relative to the near medium.
+    """Unpolarised reflectance of a conductor with index m = n + ik relative to the near medium.
 
-    With a + ib = sqrt((n + ik)² - s²), Rs = |c - (a + ib)|² / |c + (a + ib)|² and Rp = Rs |a + ib - s²/c|²
-    / |a + ib + s²/c|² (Born and Wolf, Principles of Optics, section 14.2). Their mean over one denominator,
-    with no difference that could fall below 0."""
-    c2 = cosine * cosine
-    s2 = 1.0 - c2
-    t0 = n * n - k * k - s2
-    modulus = math.sqrt(t0 * t0 + 4.0 * n * n * k * k)
-    a2 = max(0.5 * (modulus + t0), 0.0)
-    b2 = max(modulus - a2, 0.0)
-    a = math.sqrt(a2)
-    minus, plus, product = a - cosine, a + cosine, a * cosine + s2
-    above = (minus * minus + b2) * (c2 * modulus + s2 * s2)
-    below = (plus * plus + b2) * (product * product + b2 * c2)
-    return above / below
+    With g = a + ib = sqrt(m² - s²), Rs = |c - g|² / |c + g|² and Rp = Rs |g c - s²|² / |g c + s²|² (Born and Wolf,
+    Principles of Optics, section 14.2). As in `dielectric_reflectance`, |c - g| is |m² - 1| / |c + g|; and |c + g|² is
+    c² + |g|² + 2 c a."""
+    c2, s2 = cosine * cosine, (1.0 - cosine) * (1.0 + cosine)
+    n2, k2, imaginary = n * n, k * k, n * k
+    over_1 = (n - 1.0) * (n + 1.0) - k2
+    real = n2 - k2 - s2 if n2 + k2 < _THIN else over_1 + c2
+    modulus = math.sqrt(real * real + 4.0 * imaginary * imaginary)
+    # a or b, whichever is the root of a sum; 2 a b is the imaginary part of g².
+    root = math.sqrt(0.5 * (modulus + abs(real)))
+    a = root if real >= 0.0 else imaginary / max(root, 1e-300)
+    perpendicular = c2 + modulus + 2.0 * cosine * a
+    both = c2 * modulus + s2 * s2
+    above = (over_1 * over_1 + 4.0 * imaginary * imaginary) * both
+    below = perpendicular * perpendicular * (both + 2.0 * cosine * a * s2)
+    return min(above / below, 1.0) if below > 0.0 else 1.0
 
 
 # The 82-degree tint acts where cos = 1/7, and is scaled to reach F82 there.
@@ -110,12 +122,42 @@ def index_from_f0(f0: float) -> float:
     return (1.0 + root) / (1.0 - root)
 
 
+def _fresnel(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
+    cosine, x, y, z, exponent = inputs[0], inputs[1], inputs[2], inputs[3], inputs[4]
+    out, kind = outputs[0], modes[0]
+    for i in range(start, stop):
+        c = cosine[i, 0]
+        if kind == DIELECTRIC:
+            out[i] = dielectric_reflectance(c, x[i, 0])
+        elif kind == CONDUCTOR:
+            out[i] = conductor_reflectance(c, x[i, 0], y[i, 0])
+        elif exponent[i, 0] == 5.0:
+            out[i] = schlick_reflectance_5(c, x[i, 0], y[i, 0], z[i, 0])
+        else:
+            out[i] = schlick_reflectance(c, x[i, 0], y[i, 0], z[i, 0], exponent[i, 0])
+    return 0
+
+
+#: Reflectance for cosines and the parameters of a kind: the formulas of the lobes, over arrays.
+FRESNEL = Kernel(_fresnel, 5, 1)
+
+_ONE = np.ones(())
+
+
+def _reflectance(
+    kind: int, cosine: Array, x: Array, y: Array = _ONE, z: Array = _ONE, exponent: Array = _ONE
+) -> Array:
+    columns = [each[..., np.newaxis] for each in (cosine, x, y, z, exponent)]
+    (result,), _ = run(FRESNEL, columns, [kind], [1])
+    return result[..., 0]
+
+
 def _index(name: str, value: ArrayLike, open_low: bool = False) -> Array:
     return numbers(name, value, 0.0, LARGEST_INDEX, open_low)
 
 
 def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
-    """Unpolarised Fresnel reflectance of a dielectric, with total internal reflection.
+    """Unpolarised Fresnel reflectance of a dielectric, with total internal reflection: `dielectric_reflectance`.
 
     Source: Mally, The Microfacet BRDF Model, "Fresnel's Law".
 
@@ -129,18 +171,14 @@ def fresnel_dielectric(cos_theta: ArrayLike, eta: ArrayLike) -> Array:
     Raises:
         ValueError: an argument outside its range, or shapes that do not broadcast.
     """
-    c, eta_array = numbers("cos_theta", cos_theta, 0.0, 1.0), _index("eta", eta, open_low=True)
-    check_shapes(cos_theta=c.shape, eta=eta_array.shape)
-    g_squared = eta_array**2 - 1.0 + c**2
-    g = np.sqrt(np.maximum(g_squared, 0.0))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        rs = (c - g) / (c + g)
-        rp = (eta_array**2 * c - g) / (eta_array**2 * c + g)
-        return np.where(g_squared <= 0.0, 1.0, 0.5 * (rs**2 + rp**2))
+    cosine, index = numbers("cos_theta", cos_theta, 0.0, 1.0), _index("eta", eta, open_low=True)
+    check_shapes(cos_theta=cosine.shape, eta=index.shape)
+    return _reflectance(DIELECTRIC, cosine, index)
 
 
 def fresnel_conductor(cos_theta: ArrayLike, n: ArrayLike, k: ArrayLike) -> Array:
-    """Unpolarised Fresnel reflectance of a conductor with complex index n + ik, relative to the near medium.
+    """Unpolarised Fresnel reflectance of a conductor with complex index n + ik, relative to the near medium:
+    `conductor_reflectance`. Where k is 0 it is the dielectric's.
 
     Source: Born and Wolf, Principles of Optics, section 14.2.
 
@@ -158,15 +196,7 @@ def fresnel_conductor(cos_theta: ArrayLike, n: ArrayLike, k: ArrayLike) -> Array
     cosine = numbers("cos_theta", cos_theta, 0.0, 1.0)
     index, extinction = _index("n", n, open_low=True), _index("k", k)
     check_shapes(cos_theta=cosine.shape, n=index.shape, k=extinction.shape)
-    c2 = cosine**2
-    s2 = 1.0 - c2
-    t0 = index**2 - extinction**2 - s2
-    modulus = np.sqrt(t0**2 + 4.0 * index**2 * extinction**2)
-    cross_s = np.sqrt(np.maximum(2.0 * (modulus + t0), 0.0) * c2)
-    rs = (modulus + c2 - cross_s) / (modulus + c2 + cross_s)
-    sum_p = c2 * modulus + s2**2
-    rp = rs * (sum_p - cross_s * s2) / (sum_p + cross_s * s2)
-    return np.asarray(0.5 * (rs + rp))
+    return _reflectance(CONDUCTOR, cosine, index, extinction)
 
 
 def fresnel_schlick(
@@ -176,7 +206,7 @@ def fresnel_schlick(
     f90: ArrayLike = 1.0,
     exponent: ArrayLike = 5.0,
 ) -> Array:
-    """Generalised Schlick reflectance with the 82-degree tint, clamped to [0, 1].
+    """Generalised Schlick reflectance with the 82-degree tint, clamped to [0, 1]: `schlick_reflectance`.
 
     Source: Hoffman 2023, "Generalization of Adobe's Fresnel Model".
 
@@ -193,10 +223,8 @@ def fresnel_schlick(
     Raises:
         ValueError: an argument outside its range, or shapes that do not broadcast.
     """
-    away = 1.0 - numbers("cos_theta", cos_theta, 0.0, 1.0)
+    cosine = numbers("cos_theta", cos_theta, 0.0, 1.0)
     low, tint, high = numbers("f0", f0, 0.0), numbers("f82", f82, 0.0), numbers("f90", f90, 0.0)
     power = numbers("exponent", exponent, 0.0)
-    check_shapes(cos_theta=away.shape, f0=low.shape, f82=tint.shape, f90=high.shape, exponent=power.shape)
-    base = low + (high - low) * away**power
-    at_82 = low + (high - low) * (1.0 - COS_82) ** power
-    return np.clip(base - at_82 * (1.0 - tint) * TINT_SCALE * (1.0 - away) * away**6, 0.0, 1.0)
+    check_shapes(cos_theta=cosine.shape, f0=low.shape, f82=tint.shape, f90=high.shape, exponent=power.shape)
+    return _reflectance(SCHLICK, cosine, low, tint, high, power)

@@ -68,6 +68,9 @@ class Shader:
     renamed: Mapping[str, str] = field(default_factory=dict)
     """By the path of a node as given: its path in `document`."""
 
+    def __repr__(self) -> str:
+        return f"<Shader {self.name!r} for {self.target}, {len(self.pixel.splitlines())} lines of its pixel stage>"
+
     def element_at(self, path: str) -> mx.Element | None:
         """The element of `document` that stands for a node or an input, by its path in the document as given."""
         node, _, name = path.rpartition("/")

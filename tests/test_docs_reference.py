@@ -8,6 +8,7 @@ import functools
 import importlib
 import inspect
 import pkgutil
+import pydoc
 import re
 import textwrap
 import types
@@ -339,3 +340,21 @@ def test_every_key_of_a_suite_has_its_text():
     tables = (suitetable.SuiteTable, suitetable.CaseTable, suitetable.AdjustTable, suitetable.ToleranceTable)
     for table in (*tables, suitetable.EnvironmentTable):
         assert [name for name, field in table.model_fields.items() if not field.description] == []
+
+
+def test_help_of_render_is_about_the_function():
+    assert "material: a .mtlx file" in pydoc.plain(pydoc.render_doc(mrm_nodes.render))
+
+
+def test_what_holds_much_says_what_it_is_in_a_line():
+    direction = np.array([[0.0, 0.0, 1.0]])
+    shown = {
+        "<Shader 'traffic_cone' for glsl, ": mrm_nodes.generate_shader("traffic_cone"),
+        "<Mesh 'plane': 4 vertices, 2 triangles>": mrm_nodes.render.plane(),
+        "<Environment 256x128: rotation 0, ": mrm_nodes.render.find_environment("sky"),
+        "<Measurement of tape: 1 samples of luminance>": mrm_nodes.measured.Measurement(
+            direction, direction, np.ones((1, 1)), sample="tape"
+        ),
+    }
+    for text, value in shown.items():
+        assert repr(value).startswith(text) and len(repr(value)) < 160, repr(value)

@@ -55,6 +55,10 @@ class Measurement:
         if n == 0:
             raise MrmError("it has no sample")
 
+    def __repr__(self) -> str:
+        sample = f" of {self.sample}" if self.sample else ""
+        return f"<Measurement{sample}: {len(self)} samples of {', '.join(self.channels)}>"
+
     def __len__(self) -> int:
         return len(self.value)
 

@@ -3,6 +3,7 @@
 The package can be called: `mrm_nodes.render(material, ...)` is `mrm_nodes.render.render(material, ...)`.
 """
 
+import inspect
 import sys
 import types
 from typing import Any
@@ -66,8 +67,12 @@ __all__ = [
 class _CallablePackage(types.ModuleType):
     """A package of the same name as its main function."""
 
+    __signature__ = inspect.signature(render)
+
     def __call__(self, *args: Any, **kwargs: Any) -> RenderedImage:
         return render(*args, **kwargs)
 
 
 sys.modules[__name__].__class__ = _CallablePackage
+# `help(mrm_nodes.render)` is about the function too.
+__doc__ = f"{__doc__}\nrender{inspect.signature(render)}\n\n{inspect.getdoc(render)}\n"

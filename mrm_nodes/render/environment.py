@@ -55,6 +55,12 @@ class Environment:
     samples: int = DEFAULT_SAMPLES
     filtered: bool = True
 
+    def __repr__(self) -> str:
+        height, width = self.radiance.shape[:2]
+        options = {"rotation": self.rotation, "intensity": self.intensity, "samples": self.samples}
+        told = ", ".join(f"{name} {value:g}" for name, value in options.items())
+        return f"<Environment {width}x{height}: {told}{'' if self.filtered else ', not filtered'}>"
+
     def __post_init__(self) -> None:
         self._check_options()
         pixels = np.array(self.radiance, dtype=np.float32)

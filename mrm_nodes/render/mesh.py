@@ -57,6 +57,9 @@ class Mesh:
     bitangent_signs: NDArray[Any] | None = None
     sets: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        return f"<Mesh {self.name!r}: {len(self.positions)} vertices, {len(self.indices)} triangles>"
+
     def __post_init__(self) -> None:
         indices = np.asarray(self.indices).reshape(-1, 3)
         count = len(self.positions)

@@ -112,6 +112,10 @@ class RenderedImage:
     development: Development | None = field(default_factory=Development)
     developed: Picture | None = None
 
+    def __repr__(self) -> str:
+        height, width = self.mask.shape
+        return f"<RenderedImage {width}x{height}, {self.mask.mean():.0%} covered, by {self.backend}: {self.device}>"
+
     @functools.cached_property
     def picture(self) -> Picture:
         """What a screen shows of it.

@@ -51,9 +51,8 @@ _SURFACES: Mapping[str, tuple[str, Mapping[str, str]]] = {
 def write_suite(folder: Path, count: int) -> Path:
     """Write a suite of so many cases, five of each material, and return its file.
 
-    No two documents are equal: the finished materials with a colour of their own, and whole surfaces. The nodes of
-    one kind have the same names in each, as an exporter writes them from its template: they share a shader. Nodes
-    with names of their own would cost a compilation a material.
+    No two documents are equal: the finished materials with a colour of their own, and whole surfaces, as an exporter
+    writes them from its templates.
     """
     rng = random.Random(0)
     finished = {file.stem: file.read_text("utf-8") for file in sorted(materials_path().glob("*.mtlx"))}

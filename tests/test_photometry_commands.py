@@ -58,10 +58,11 @@ def test_the_material_of_a_class_passes_its_own_check(run: Run, folder: Path):
     assert valid, message
     status, out, _ = run("photometry", "sign.mtlx", "--class", "RA2", "--colour", "yellow")
     assert status == 0
-    assert "below" not in out and "half of R_A at 0.472°" in out
+    assert "below" not in out and "pass" in out and "half of R_A at 0.472°" in out
     status, out, _ = run("photometry", "sign.mtlx", "--class", "RA2", "--colour", "white")
     assert status == 1
     assert "below" in out
+    assert "verdict" in out
 
 
 def test_json_has_each_row_of_the_table(run: Run, folder: Path):

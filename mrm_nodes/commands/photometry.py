@@ -324,13 +324,15 @@ def rows_table(rows: Sequence[Row], varies: bool = False) -> Any:
         "minimum",
         *_spread_columns(varies, quantity),
         "margin",
-        "",
+        "verdict",
         caption=UNITS[quantity],
     )
     for row in rows:
         values = (row.least, row.value, row.most) if varies else (row.value,)
         asked = row.requirement
-        verdict = "" if row.passes else "below" if row.value < asked.minimum else f"above {asked.maximum:g}"
+        verdict = (
+            "pass" if row.passes else "below" if row.value < asked.minimum else f"above {asked.maximum:g}"
+        )
         table.add_row(
             asked.geometry,
             f"{asked.minimum:g}",

@@ -10,6 +10,9 @@
 # make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
 #                coverage, for each reader
 # make faults    kill runs 200 times, fill the disk at every change, cut the power at every moment; hours
+# make mutants   change the nodes' GLSL in 240 ways, one at a time, and say which of them the default suite does not notice;
+#                half an hour (SEED=2 chooses others)
+# make random    300 random materials on each backend (MRM_SEED=N makes those of another run); half an hour
 # make docs      build the documentation's site, build/site/index.html; what is wrong with a page or a link ends it
 # make lint      check types, lint and format
 #
@@ -19,6 +22,7 @@ PYTHON ?= python3
 BACKEND ?= all
 REPORT ?= report
 RELEASES ?=
+SEED ?= 1
 BIN := .venv/bin
 
 # They need compilers, a browser or an X server, which only `make targets` sets up.
@@ -29,7 +33,7 @@ SWEEP := tests/test_sweep.py
 # `make regress-full` runs all of its cases, and `make test` none.
 TEXTURED := render_tests/test_textured.py
 
-.PHONY: regress regress-full sweep test docs lint setup clean targets clients fuzz faults
+.PHONY: regress regress-full sweep test docs lint setup clean targets clients fuzz faults mutants random
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --scenes
@@ -64,6 +68,12 @@ fuzz: setup
 
 faults: setup
 	MRM_FAULTS=200 $(BIN)/python -m pytest -q -n 2 tests/test_full_disk.py tests/test_power_cut.py tests/test_kills.py
+
+mutants: setup
+	$(BIN)/python tests/mutants.py --seed $(SEED) -o build/mutants.json
+
+random: setup
+	MRM_RANDOM=300 $(BIN)/python -m pytest -q -n 2 tests/test_random_materials.py
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build

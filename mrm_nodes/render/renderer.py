@@ -574,7 +574,9 @@ class Renderer:
             target = self._begin(size, placing.sheets, role="sheets") if placing.sheets else self._begin(size)
             self._draw(placing, points, target, textures[0], moderngl.POINTS, count)
             if shading is not placing:
-                sheets = {f"mrm_sheet_{index}": sheet for index, sheet in enumerate(target.colors)}
+                # A driver drops the samplers of data that come to nothing.
+                named = {f"mrm_sheet_{index}": sheet for index, sheet in enumerate(target.colors)}
+                sheets = {name: sheet for name, sheet in named.items() if name in shading.samplers}
                 target = self._begin(size)
                 self._draw(shading, triangle, target, textures[-1] | sheets, moderngl.TRIANGLES, 3)
             return target

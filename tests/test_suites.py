@@ -158,7 +158,7 @@ def test_a_value_that_brings_in_an_unknown_lobe_changes_the_truth(folder: Path):
         (
             '<oren_nayar_diffuse_bsdf name="b" type="BSDF"><input name="roughness" type="float" value="0.3" />'
             "</oren_nayar_diffuse_bsdf>",
-            "baseline",
+            "physics",
         ),
         (
             '<dielectric_bsdf name="b" type="BSDF"><input name="scatter_mode" type="string" value="RT" />'
@@ -168,9 +168,7 @@ def test_a_value_that_brings_in_an_unknown_lobe_changes_the_truth(folder: Path):
     ],
     ids=["a metal", "Lambert", "rough diffuse", "a transmission"],
 )
-def test_in_an_environment_only_what_materialx_does_not_approximate_is_known(
-    folder: Path, node: str, truth: str
-):
+def test_in_an_environment_only_what_does_not_transmit_is_known(folder: Path, node: str, truth: str):
     (folder / "b.mtlx").write_text(METAL.replace('<mrm_conductor_bsdf name="b" type="BSDF" />', node))
     (around,) = cases_of(folder, '[[case]]\nmaterial = "b.mtlx"\nenvironment = "studio"')
     (lit,) = cases_of(folder, '[[case]]\nmaterial = "b.mtlx"')

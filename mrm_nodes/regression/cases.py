@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 from mrm_nodes.regression.material import NODES, Value
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment
@@ -30,6 +30,7 @@ ALPHAS: tuple[tuple[float, float], ...] = (
 )
 WEIGHTS = (0.0, 0.5, 1.0)
 OTHER_PAIRS = (("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity"))
+IMAGE_LIGHT_PAIRS = (*OTHER_PAIRS, ("phong", "vcavity"))
 MAPS = ("sky", "studio", "white")
 FIGURE_5 = (0.0, 45.0, 90.0)
 """Degrees between light and view in Figure 5 of the MRM paper."""
@@ -62,10 +63,12 @@ class MapLight:
     """Name of a built-in environment."""
     rotation: float = 0.0
     """Degrees about +y."""
-    samples: int = 1024
-    """Directions for each lobe."""
+    samples: int = 64
+    """Directions for each lobe, where the host samples."""
     filtered: bool = True
     """Whether samples read the mip level of their solid angle."""
+    method: Literal["fis", "prefilter"] = "fis"
+    """How the host evaluates its light: by samples, or by one look-up at a level for alpha."""
 
     def load(self) -> Environment:
         """The map and its use, as the renderer takes them."""
@@ -107,9 +110,20 @@ class Case:
         return "image"
 
     @property
+    def method(self) -> Literal["fis", "prefilter"]:
+        """How its shader evaluates image light."""
+        return "fis" if self.environment is None else self.environment.method
+
+    @property
     def structure(self) -> tuple[Any, ...]:
         """What makes this case's shader another one."""
-        return (self.target, self.node, tuple(sorted(self.patterns.items())), self.base is not None)
+        return (
+            self.target,
+            self.node,
+            tuple(sorted(self.patterns.items())),
+            self.base is not None,
+            self.method,
+        )
 
     def describe(self) -> dict[str, Any]:
         """What it is, for the report."""
@@ -294,26 +308,38 @@ def _lights() -> Iterator[Case]:
 
 
 def _image_lights() -> Iterator[Case]:
-    """Image light: both maps, a constant one, other lobes without the mip filter, a base, the mirror."""
+    """Image light: every map, both methods, every pair of distribution and masking, a film, a base, the mirror."""
 
     def lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> Case:
-        options = {"lights": (), "environment": light, "size": (16, 16), **others}
+        options = {"lights": (), "environment": light, "size": (64, 64), **others}
         return _case(node, what, inputs, **options)
 
     conductor, dielectric, schlick = NODES
     for name, node, weight in itertools.product(MAPS, NODES, WEIGHTS):
         values: dict[str, Value] = {"retroreflectivity": weight}
         yield lit(node, f"in-{name}-retro{weight:g}", values, MapLight(name, rotation=30.0))
-    sharp = MapLight("studio", samples=2048, filtered=False)
+    for node, weight in itertools.product(NODES, WEIGHTS):
+        values = {"retroreflectivity": weight}
+        light = MapLight("sky", rotation=30.0, method="prefilter")
+        yield lit(node, f"in-sky-prefilter-retro{weight:g}", values, light)
     half: dict[str, Value] = {"retroreflectivity": 0.5}
-    crossed: dict[str, Value] = {**half, "masking": "vcavity"}
+    for (distribution, masking), (node, alpha) in itertools.product(
+        IMAGE_LIGHT_PAIRS, zip(NODES, (ALPHAS[2], ALPHAS[1], ALPHAS[4]), strict=True)
+    ):
+        pair: dict[str, Value] = {**half, "distribution": distribution, "masking": masking}
+        what = f"in-studio-{distribution}-{masking}-{_width(alpha)}"
+        yield lit(node, what, pair, MapLight("studio"), alpha=alpha)
+    for node, alpha in itertools.product(NODES, (ALPHAS[0], ALPHAS[3], ALPHAS[4])):
+        yield lit(node, f"in-sky-{_width(alpha)}", half, MapLight("sky", rotation=75.0), alpha=alpha)
+    sharp = MapLight("studio", samples=256, filtered=False)
     yield lit(conductor, "in-studio-unfiltered", half, sharp)
-    yield lit(schlick, "in-studio-unfiltered-beckmann", {**half, "distribution": "beckmann"}, sharp)
-    yield lit(dielectric, "in-studio-unfiltered-phong", {**crossed, "distribution": "phong"}, sharp)
-    yield lit(conductor, "in-studio-unfiltered-a0.5x0.1", crossed, sharp, alpha=(0.5, 0.1))
+    film: dict[str, Value] = {"thinfilm_thickness": 550.0, "thinfilm_ior": 1.33}
+    for node in NODES:
+        yield lit(node, "film550nm-in-studio", {**half, **film}, MapLight("studio"), alpha=(0.3, 0.3))
     yield lit(dielectric, "over-diffuse-in-sky", half, MapLight("sky"), base=(0.8, 0.2, 0.1))
+    yield lit(schlick, "in-sky-and-lights", half, MapLight("sky"), lights=AROUND)
     above = Camera(position=(0.5, 2.0, 1.0), fov=45.0)
     for node in NODES:
         values = {"retroreflectivity": 1.0}
         options = {"mesh": "floor", "camera": above, "mirrored": True, "alpha": (0.3, 0.1)}
-        yield lit(node, "mirror-in-sky", values, MapLight("sky", rotation=30.0, samples=64), **options)
+        yield lit(node, "mirror-in-sky", values, MapLight("sky", rotation=30.0), **options)

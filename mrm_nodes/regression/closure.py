@@ -178,16 +178,12 @@ def check_image_light(tree: Tree) -> None:
     """Check that the evaluator knows what a tree shows in an environment too.
 
     Raises:
-        UnknownClosure: it has a lobe that transmits, or a rough diffuse one, whose light MaterialX approximates.
+        UnknownClosure: it has a lobe that transmits.
     """
     match tree:
-        case Lobe(node, path, inputs):
+        case Lobe(path=path, inputs=inputs):
             if inputs.get("scatter_mode", "R") != "R":
                 raise UnknownClosure(f"{path} transmits light of the environment, which has no model")
-            if node == DIFFUSE_NODE and inputs["roughness"] != 0.0:
-                raise UnknownClosure(
-                    f"{path} is rough, and MaterialX approximates what such a {node} shows of an environment"
-                )
         case Mix(first, second, _) | Add(first, second) | Layer(first, second):
             check_image_light(first)
             check_image_light(second)

@@ -1,9 +1,12 @@
-"""What environment light truly gives: the evaluator integrated over the same map, with a known standard error."""
+"""What environment light truly gives: the evaluator integrated over the same map, with a known standard error.
+
+A shader's sum is compared with the very sum (`image_sum`); how far that is from the integral is a figure beside it.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +14,6 @@ from numpy.typing import NDArray
 
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import evaluator
-from mrm_nodes.regression.tolerance import Tolerance
 from mrm_nodes.render.environment import Environment, directions, solid_angles
 
 Array = NDArray[np.float64]
@@ -24,29 +26,6 @@ _STEPS_3 = 1.0 / 1.22074408460575947536 ** np.arange(1, 4)
 _BLOCK = 1 << 20
 
 
-#: The host's samples are one fixed set for each count: the sets of two counts are its replicates.
-_COUNT_SHARES = (1.0, 0.7)
-
-CONSTANT_ERROR = 1e-3
-"""Root mean square error of an image in a constant environment, as a share of the image's own root mean square.
-
-There is nothing for mip levels to blur, and the reference is exact: what is left is the host's quadrature. Measured
-3.5e-4 at 1024 samples, for each node and weight at alpha 0.25."""
-CONSTANT_ERROR_MAX = 2e-2
-"""Relative error of any one value there; measured 1.7e-3."""
-
-UNFILTERED_ERROR = 2e-2
-"""As CONSTANT_ERROR, for samples that read the map itself: what the replicates do not show of the host's error.
-Measured 7e-3 and less at 2048 samples in the studio, as much as both sampling errors themselves."""
-
-FILTER_BIAS = 8e-2
-"""As CONSTANT_ERROR, for samples that read mip levels, at `FILTER_SAMPLES` samples for each lobe: filtered light is
-blurred by the solid angle of a sample. Measured at 1024 samples, alpha 0.25 and each node and weight: 1.8e-2 in the
-studio, 5.1e-2 in the sky, whose sun is two texels wide; 512, 2048 and 8192 samples have 3.8e-2, 1.7e-2 and 7.3e-3 in
-the studio. It falls with the radius that a sample averages, the root of the number of samples, and is allowed to."""
-FILTER_SAMPLES = 1024
-
-
 class Estimate(NamedTuple):
     """A mean and its standard error, each (n, 3)."""
 
@@ -54,28 +33,41 @@ class Estimate(NamedTuple):
     standard_error: Array
 
 
-def sample_counts(samples: int) -> list[int]:
-    """The numbers of samples by which the host's sampling error is found; the first is the one asked for."""
-    return [max(round(samples * share), 1) for share in _COUNT_SHARES]
+INTEGRATED = 64
+"""Points of an image whose integrals are sampled: each takes milliseconds."""
 
 
-def replicated(images: Sequence[Array]) -> Estimate:
-    """The mean of replicates and the standard error of that mean."""
-    return Estimate(np.mean(images, axis=0), np.std(images, axis=0, ddof=1) / math.sqrt(len(images)))
+def some_of(count: int) -> NDArray[np.intp]:
+    """Indices of at most INTEGRATED of so many points, evenly."""
+    chosen: NDArray[np.intp] = np.arange(min(count, INTEGRATED)) * count // max(min(count, INTEGRATED), 1)
+    return chosen
 
 
-def environment_tolerance(environment: Environment, reference: Array) -> Tolerance:
-    """What an image (n, 3) of the host's may truly differ from its reference by, once sampling errors are known.
+def beside_integral(seen: Array, truth: Estimate, samples: int) -> dict[str, float | int]:
+    """How far a sum `(n, 3)` over `samples` samples of a map is from the integral, as shares of the integral's size.
 
-    Both sides' sampling errors are no part of it: they make the comparison uncertain. A difference that is
-    surely larger than this fails, one that is surely smaller passes, and any other is undecided.
+    `mean` is the difference of the means, `rms` the root mean square of the differences, freed of the integral's own
+    noise; each with its standard error.
     """
-    size = float(np.sqrt(np.mean(reference**2)))
-    if is_constant(environment):
-        return Tolerance(max_rel=CONSTANT_ERROR_MAX, rmse=CONSTANT_ERROR * size)
-    if not environment.filtered:
-        return Tolerance(rmse=UNFILTERED_ERROR * size)
-    return Tolerance(rmse=FILTER_BIAS * math.sqrt(FILTER_SAMPLES / environment.samples) * size)
+    found: dict[str, float | int] = {"samples": samples, "points": len(seen)}
+    whole, size = float(np.mean(truth.mean)), math.sqrt(float(np.mean(truth.mean**2)))
+    if whole == 0.0:
+        return found
+    difference, noise = seen - truth.mean, truth.standard_error
+    cleared = difference**2 - noise**2
+    # With d = δ + s ε, ε normal: Var[d²] = 2 s⁴ + 4 δ² s². A point's channels share their samples.
+    scatter = np.sqrt(2 * noise**4 + 4 * np.maximum(cleared, 0.0) * noise**2)
+    of_mean, of_square = (
+        math.sqrt(float(np.sum(np.sum(each, axis=-1) ** 2))) / noise.size for each in (noise, scatter)
+    )
+    square = max(float(np.mean(cleared)), 0.0)
+    of_rms = of_square / (2.0 * math.sqrt(square)) if square > of_square else math.sqrt(of_square)
+    return found | {
+        "mean": float(np.mean(difference)) / whole,
+        "mean_error": of_mean / whole,
+        "rms": math.sqrt(square) / size,
+        "rms_error": of_rms / size,
+    }
 
 
 def is_constant(environment: Environment) -> bool:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cases import Case
+from mrm_nodes.regression.closure import DIFFUSE_NODE, Layer, Lobe, Port, Tree
 from mrm_nodes.regression.compare import (
     Bounds,
     Figures,
@@ -23,21 +24,14 @@ from mrm_nodes.regression.compare import (
     relative_error,
     why_undecided,
 )
-from mrm_nodes.regression.environment_reference import (
-    environment_image,
-    environment_tolerance,
-    irradiance,
-    replicated,
-    sample_counts,
-    view_in,
-)
-from mrm_nodes.regression.material import as_float32
+from mrm_nodes.regression.environment_reference import beside_integral, some_of
+from mrm_nodes.regression.image_sum import Surroundings
 from mrm_nodes.regression.material_case import as_text
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.reference_image import DiffuseBase, evaluator, shade, shading_frame, white_evaluator
-from mrm_nodes.regression.tolerance import SEEN, compare_images
 from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.render.arithmetic import measure
 from mrm_nodes.render.environment import Environment
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh
@@ -62,8 +56,6 @@ class Judged(NamedTuple):
     tolerance: Mapping[str, float]
     used: Array
     """`(h, w)`: error as a share of its bound."""
-    flip: Array | None = None
-    """`(h, w)`: FLIP, where errors may be large enough to be seen."""
 
 
 def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
@@ -82,7 +74,8 @@ def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> Non
     if case.mirrored:
         judged = _beside_mirror(case, outcome, draw, uniforms)
     elif case.environment is not None:
-        judged = _in_environment(case, outcome, draw, uniforms, values)
+        drawn = draw(uniforms=uniforms, environment=_light(case))
+        judged = _in_environment(case, workshop, outcome, drawn, values)
     else:
         drawn = draw(uniforms=uniforms)
         driven = {name: _input_points(case, workshop, outcome, name, mesh) for name in case.patterns}
@@ -98,7 +91,7 @@ def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> Non
         (folder / place).mkdir(parents=True, exist_ok=True)
         shown = _spread(judged.reference, judged.mask)
         written = write_pictures(
-            folder / place, judged.image, shown, judged.mask, judged.used, judged.flip, source_of(case)
+            folder / place, judged.image, shown, judged.mask, judged.used, None, source_of(case)
         )
         outcome.files = {
             name: (place / file).as_posix() if isinstance(file, str) else file
@@ -115,41 +108,32 @@ def _within(drawn: RenderedImage, reference: Array, bounds: Bounds) -> Judged:
 
 
 def _in_environment(
-    case: Case,
-    outcome: Outcome,
-    draw: Callable[..., RenderedImage],
-    uniforms: Mapping[str, Any],
-    values: Mapping[str, Any],
+    case: Case, workshop: Workshop, outcome: Outcome, drawn: RenderedImage, values: Mapping[str, Any]
 ) -> Judged:
-    """Compare with the integral over the map: by the mip filter's bias, as far as both sampling errors let."""
+    """Compare with the shader's own sum over the map, and say how far that is from the integral."""
+    from mrm_nodes.regression.physics import Points, light_tree, shade_tree
+
     light = _light(case)
-    replicates = [
-        draw(uniforms=uniforms, environment=light.resampled(count)) for count in sample_counts(light.samples)
-    ]
-    drawn = replicates[0]
-    host = replicated([each.image[drawn.mask].astype(np.float64) for each in replicates])
+    around = Surroundings(light, measure(workshop.renderer.backend), case.method)
+    position, normal, tangent = (each.astype(np.float64) for each in _points(drawn))
+    points = Points(position, normal, tangent, drawn.camera.position)
+    tree: Tree = Lobe(case.node, material.BSDF, {**values, "normal": None, "tangent": None})
+    if case.base is not None:
+        base = material.complete(DIFFUSE_NODE, {"color": case.base})
+        tree = Layer(tree, Lobe(DIFFUSE_NODE, "base", {**base, "normal": None}))
+
+    def resolve(port: Port) -> Any:
+        return port
+
+    lights = [each.data(drawn.camera) for each in case.lights]
     with timed(outcome, "reference"):
-        points = _points(drawn)
-        view, frame = shading_frame(*points, drawn.camera.position)
-        truth = environment_image(case.node, values, view, frame, light)
-        reference = truth.mean
-        if case.base is not None:
-            through = evaluator(case.node, values).throughput(view_in(frame, view), None, values["weight"])
-            reference = reference + through * as_float32(case.base) * irradiance(light, frame[:, 2])
-        if case.lights:
-            reference = reference + reference_points(case, values, drawn.camera, *points)[0]
+        reference, bounds = shade_tree(tree, points, lights, resolve, around)
+        seen = shade_tree(tree, points, [], resolve, around)[0] if lights else reference
+        chosen = some_of(len(seen))
+        truth = light_tree(tree, points.at(chosen), light, resolve)
+        outcome.details = {"image_light": beside_integral(seen[chosen], truth, light.samples)}
     with timed(outcome, "compare"):
-        mask = drawn.mask
-        tolerance = environment_tolerance(light, reference)
-        noise = np.hypot(truth.standard_error, host.standard_error)
-        image = _spread(host.mean, mask)
-        found = compare_images(
-            image, _spread(reference, mask), mask, tolerance, _spread(noise, mask), shown=SEEN
-        )
-        if found.verdict == "undecided":
-            outcome.message = "the sampling errors hide whether the bound is kept: raise the samples"
-        used = np.zeros(mask.shape) if found.used is None else found.used
-    return Judged(image, reference, mask, found.verdict, found.figures, tolerance.asked(), used, found.flip)
+        return _within(drawn, reference, bounds)
 
 
 def _beside_mirror(
@@ -196,7 +180,7 @@ def _points(drawn: RenderedImage) -> tuple[NDArray[Any], NDArray[Any], NDArray[A
 
 def _shader(case: Case, workshop: Workshop, outcome: Outcome, key: Any, element: str | None = None) -> Shader:
     with timed(outcome, "generate"):
-        return workshop.shader(key, lambda: _document(case), element)
+        return workshop.shader(key, lambda: _document(case), element, environment=case.method)
 
 
 def _document(case: Case) -> mx.Document:

@@ -19,12 +19,12 @@ from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
 from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
 from mrm_nodes.regression.compare import Bounds, compare, relative_error, why_undecided
-from mrm_nodes.regression.environment_reference import environment_tolerance, replicated, sample_counts
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.pictures import write_pictures
-from mrm_nodes.regression.tolerance import SEEN, Tolerance, compare_images
+from mrm_nodes.regression.tolerance import Tolerance, compare_images
 from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.render.arithmetic import measure
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment, find_environment
 from mrm_nodes.render.gbuffer import ALPHA_THRESHOLD
 from mrm_nodes.render.images import read_image
@@ -267,8 +267,6 @@ class _Expected:
     """Of the points of the mask, where float32's rounding is all that may differ."""
     tolerance: Tolerance = field(default_factory=Tolerance)
     """Where the suite has none."""
-    noise: ArrayLike | None = None
-    """The standard error of both together, `(h, w, 3)`."""
 
 
 def _compare(
@@ -284,12 +282,9 @@ def _compare(
         used = np.max(relative_error(image, truth) / expected.bounds.max_rel, axis=-1)
         return _spread(used, mask), None
     asked = case.tolerance if case.tolerance.asked() else expected.tolerance
-    shown = () if expected.noise is None else SEEN
-    compared = compare_images(expected.image, expected.truth, mask, asked, expected.noise, shown)
+    compared = compare_images(expected.image, expected.truth, mask, asked)
     outcome.verdict, outcome.figures = compared.verdict, compared.figures
     outcome.tolerance = asked.asked()
-    if compared.verdict == "undecided":
-        outcome.message = "the sampling errors hide whether the bound is kept: raise the samples"
     return compared.used, compared.flip
 
 
@@ -407,6 +402,8 @@ class _Bench:
 def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expected: _Expected) -> None:
     """Complete what is expected with the evaluator's reference of the points of a mask."""
     # The evaluator takes half a second to import: who compares with stored images does without it.
+    from mrm_nodes.regression.environment_reference import beside_integral, some_of
+    from mrm_nodes.regression.image_sum import Surroundings
     from mrm_nodes.regression.physics import Points, light_tree, shade_tree
 
     case, closure, resolve = bench.case, bench.closure, bench.resolver(mask)
@@ -422,23 +419,24 @@ def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expec
         drawn.camera.position,
     )
     lights = [light.data(drawn.camera) for light in case.lights]
+    light = _environment(case)
+    around = None if light is None else Surroundings(light, measure(bench.outcome.backend))
     with timed(bench.outcome, "reference"):
-        reference, bounds = shade_tree(closure.tree, points, lights, resolve)
-    around = _environment(case)
-    if around is None:
-        expected.truth, expected.bounds = _spread(reference, mask), bounds
+        reference, bounds = shade_tree(closure.tree, points, lights, resolve, around)
+    expected.truth, expected.bounds = _spread(reference, mask), bounds
+    if light is None or not mask.any():
         return
-    # The host samples too: one set for each number of samples.
-    others = sample_counts(around.samples)[1:]
-    shader = bench.shader(case.element)
-    images = [drawn, *(bench.render(shader, around.resampled(count)) for count in others)]
-    host = replicated([each.image[mask].astype(np.float64) for each in images])
+
+    chosen = some_of(int(mask.sum()))
+
+    def at_some(port: Port) -> Any:
+        found = resolve(port)
+        return found[chosen] if isinstance(port, Driven) else found
+
     with timed(bench.outcome, "reference"):
-        truth = light_tree(closure.tree, points, around, resolve)
-    expected.image = _spread(host.mean, mask)
-    expected.truth = _spread(reference + truth.mean, mask)
-    expected.noise = _spread(np.hypot(truth.standard_error, host.standard_error), mask)
-    expected.tolerance = environment_tolerance(around, reference + truth.mean)
+        seen, _ = shade_tree(closure.tree, points.at(chosen), [], at_some, around)
+        truth = light_tree(closure.tree, points.at(chosen), light, at_some)
+    bench.outcome.details = {"image_light": beside_integral(seen, truth, light.samples)}
 
 
 _WAY_OUT = 'such a material has no model; give the case truth = "baseline"'

@@ -6,6 +6,7 @@ cosine, as MaterialX's does, so that `mix`, `add`, `multiply` and `layer` apply 
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeVar
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import diffuse, fresnel, layers
+from mrm_nodes.reference.bsdf import BsdfSample
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
 from mrm_nodes.regression.compare import (
@@ -27,7 +29,13 @@ from mrm_nodes.regression.compare import (
     lobe_bounds,
     narrow_bounds,
 )
-from mrm_nodes.regression.environment_reference import Estimate, environment_image, irradiance
+from mrm_nodes.regression.environment_reference import (
+    Estimate,
+    environment_image,
+    irradiance,
+    reflected_radiance,
+)
+from mrm_nodes.regression.image_sum import Surroundings, diffuse_sum, lobe_sum
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import (
     SMALLEST_ALPHA,
@@ -58,11 +66,21 @@ class Points:
     tangent: Array
     eye: tuple[float, float, float]
 
+    def at(self, chosen: NDArray[np.intp]) -> Points:
+        """Some of the points, by their indices."""
+        return Points(self.position[chosen], self.normal[chosen], self.tangent[chosen], self.eye)
+
 
 def shade_tree(
-    tree: Tree, points: Points, lights: Sequence[LightData], resolve: Resolve
+    tree: Tree,
+    points: Points,
+    lights: Sequence[LightData],
+    resolve: Resolve,
+    around: Surroundings | None = None,
 ) -> tuple[Array, Bounds]:
     """Radiance `(n, 3)` towards the camera, and the bounds that float32 keeps there.
+
+    Light from around is summed as the shader sums it, by the same samples.
 
     Raises:
         MrmError: a value that the evaluator has no model of, such as an anisotropic roughness of MaterialX's nodes.
@@ -74,10 +92,15 @@ def shade_tree(
         for light in lights:
             direction, intensity = light_at(light, points.position)
             errors = light_errors(light, points.position)
-            part = placed.judge(tree, view, direction, errors.cosine)
+            lit = functools.partial(_Judged.judge, v=view, l=direction, cosine=errors.cosine)
+            part = placed.judge(tree, view, lit)
             reference += part.value * intensity
             most += part.most * np.abs(intensity) + np.abs(part.value) * errors.most
             usual += part.usual * np.abs(intensity) + np.abs(part.value) * errors.usual
+        if around is not None:
+            lit = functools.partial(_Judged.judge_around, v=view, around=around)
+            part = placed.judge(tree, view, lit)
+            reference, most, usual = reference + part.value, most + part.most, usual + part.usual
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
     size = np.maximum(np.abs(reference), FLOOR)
@@ -153,26 +176,26 @@ class _Placed:
             case closure.Layer(top, base):
                 return layers.Layer(self.tree(top, kind), self.tree(base, kind))
 
-    def judge(self, tree: Tree, v: Array, l: Array, cosine: float) -> _Part:  # noqa: E741  the field's own name
-        """A tree's response to light from `l`, and what float32 may make of it: each lobe's own error, times what
-        the tree passes on of the lobe. cosine: see `LightErrors`.
+    def judge(self, tree: Tree, v: Array, judged: Callable[[_Judged], _Part]) -> _Part:
+        """A tree's response to a light, and what float32 may make of it: each lobe's own error, times what the tree
+        passes on of the lobe. judged: a lobe's own.
         """
         match tree:
             case Lobe(path=path):
                 if path not in self._judged:
                     self._judged[path] = self._leaf(tree, _Judged)
-                return self._judged[path].judge(v, l, cosine)
+                return judged(self._judged[path])
             case closure.Nothing(opaque):
                 return _Part.nothing(v, 0.0 if opaque else 1.0)
             case closure.Mix(fg, bg, amount):
                 share = self._number(amount)[..., None]
-                return self.judge(fg, v, l, cosine).mixed(self.judge(bg, v, l, cosine), share)
+                return self.judge(fg, v, judged).mixed(self.judge(bg, v, judged), share)
             case closure.Add(in1, in2):
-                return self.judge(in1, v, l, cosine).added(self.judge(in2, v, l, cosine))
+                return self.judge(in1, v, judged).added(self.judge(in2, v, judged))
             case closure.Multiply(in1, in2):
-                return self.judge(in1, v, l, cosine).times(_colour(np.clip(self._number(in2), 0.0, 1.0)))
+                return self.judge(in1, v, judged).times(_colour(np.clip(self._number(in2), 0.0, 1.0)))
             case closure.Layer(top, base):
-                return self.judge(top, v, l, cosine).over(self.judge(base, v, l, cosine))
+                return self.judge(top, v, judged).over(self.judge(base, v, judged))
 
     def _number(self, port: Port) -> Array:
         return as_float32(self._resolve(port))
@@ -415,6 +438,29 @@ class _Judged(_Response):
             unsure * (THROUGH_P999 + self._fresnel.p999_rel),
         )
 
+    def judge_around(self, v: Array, around: Surroundings) -> _Part:
+        """What it shows of its surroundings, and what float32 may make of that."""
+        weight = self.weight[..., None]
+        if self.lobe is None:
+            of_albedo: Array | float = 0.0
+            if self.values["energy_compensation"]:
+                cosine = np.clip(self._local(v)[..., 2:], LEAKED_COSINE, 1.0)
+                of_albedo = _lost_albedo(cosine, as_float32(self.values["roughness"])[..., None])[1]
+            seen = diffuse_sum(self.values, v, self.frame, around, of_albedo)
+            through, unsure = np.zeros(v.shape), np.zeros(1)
+        else:
+            mirrors = not self.node.startswith("mrm_")
+            seen = lobe_sum(_our_name(self.node), self.values, v, self.frame, around, mirrors)
+            through, unsure = self.lobe.throughput(self._local(v), None, self.weight), weight
+        return _Part(
+            seen.value * weight,
+            seen.most * weight,
+            seen.usual * weight,
+            through,
+            unsure * (THROUGH_MAX + self._fresnel.max_rel),
+            unsure * (THROUGH_P999 + self._fresnel.p999_rel),
+        )
+
     def _fresnel_change(self, view: Array, light: Array, error: float) -> Array | float:
         """By how much the Fresnel factor changes with the half angle's cosine, forward or retro, `(n, 3)`: without
         bound at an angle of total reflection, or where a small exponent meets the mirror angle.
@@ -511,10 +557,31 @@ class _Uncertain(_Surrounded):
 def _around(lobe: _Response, view: Array, environment: Environment) -> Estimate:
     if lobe.lobe is not None:
         return environment_image(_our_name(lobe.node), lobe.values, view, lobe.frame, environment)
-    # Lambert: no other diffuse lobe gets here.
-    color = as_float32(lobe.values["color"]) * lobe.weight[..., None]
-    mean = color * irradiance(environment, lobe.frame[:, 2])
-    return Estimate(mean, np.zeros_like(mean))
+    weight = lobe.weight[..., None]
+    if not np.any(as_float32(lobe.values["roughness"])):
+        mean = as_float32(lobe.values["color"]) * irradiance(environment, lobe.frame[:, 2])
+        return Estimate(mean * weight, np.zeros_like(mean))
+    found = reflected_radiance(_Rough(lobe), view, lobe.frame, environment, 256)
+    return Estimate(found.mean * weight, found.standard_error * weight)
+
+
+@dataclass(frozen=True)
+class _Rough:
+    """A diffuse lobe as it is integrated: drawn by the cosine."""
+
+    response: _Response
+
+    def eval(self, v: Array, l: Array) -> Array:  # noqa: E741  the field's own name
+        return self.response._value(v, l)
+
+    def pdf(self, v: Array, l: Array) -> Array:  # noqa: E741
+        return np.maximum(l[..., 2], 0.0) / np.pi
+
+    def sample(self, v: Array, u: Array) -> BsdfSample:
+        azimuth, radius = 2.0 * np.pi * u[..., 0], np.sqrt(u[..., 1])
+        height = np.sqrt(1.0 - u[..., 1])
+        drawn = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), height], axis=-1)
+        return BsdfSample(drawn, np.ones(drawn.shape), height / np.pi, np.zeros(height.shape, np.bool_))
 
 
 def _our_name(node: str) -> str:

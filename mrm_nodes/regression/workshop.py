@@ -41,16 +41,22 @@ class Workshop:
         element: str | None = None,
         varying: Iterable[str] = (),
         max_lights: int = USUAL_LIGHTS,
+        environment: str = "fis",
     ) -> Shader:
         """The shader of a key; `document` makes what it is generated from where there is none yet.
 
-        varying, max_lights: as in `generate_shader`; tasks of one key may have different values of varying inputs.
+        varying, max_lights, environment: as in `generate_shader`; tasks of one key may have different values of
+        varying inputs.
         """
 
         def make() -> Shader:
             return self._edit(
                 generate_shader(
-                    document(), element=element or material.MATERIAL, varying=varying, max_lights=max_lights
+                    document(),
+                    element=element or material.MATERIAL,
+                    varying=varying,
+                    max_lights=max_lights,
+                    environment=environment,
                 )
             )
 

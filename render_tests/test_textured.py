@@ -45,6 +45,11 @@ def test_the_suites_have_them():
     assert {case.name for case in CASES} < default < full
     for subject in SUBJECTS:
         assert {f"{subject}-image-on-{imaged}" for imaged in IMAGED} < full
+    for surface in ("open_pbr", "gltf", "standard"):
+        assert f"{surface}-image-on-all-in-sky" in default
+        assert {
+            f"{surface}-image-on-color-in-studio-retro{weight}" for weight in ("0", "0.5", "1")
+        } < full - default
 
 
 @pytest.fixture(scope="module")

@@ -57,12 +57,13 @@ class Surroundings:
         return inside
 
 
-@functools.lru_cache(maxsize=4)
+# The largest take 270 MB.
+@functools.lru_cache(maxsize=1)
 def _map(environment: Environment) -> Map:
     return _joined(environment.levels)
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=1)
 def _irradiance(environment: Environment) -> Map:
     return _joined([environment.irradiance])
 

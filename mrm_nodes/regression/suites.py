@@ -14,7 +14,12 @@ from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.regression.outcome import Task
-from mrm_nodes.regression.textured import more_textured_cases, textured_cases
+from mrm_nodes.regression.textured import (
+    more_surrounded_cases,
+    more_textured_cases,
+    surrounded_cases,
+    textured_cases,
+)
 
 AnyTask = TypeVar("AnyTask", bound=Task)
 
@@ -46,8 +51,8 @@ def suite(
         MrmError: no such suite, or one with faults.
     """
     if name in BUILT_IN:
-        more = more_textured_cases() if name == "full" else []
-        return [*clouds(configurations), *more, *textured_cases(), *default_suite()]
+        more = [*more_textured_cases(), *more_surrounded_cases()] if name == "full" else []
+        return [*clouds(configurations), *more, *textured_cases(), *surrounded_cases(), *default_suite()]
     path = Path(name)
     if not path.is_dir() and path.suffix != ".toml":
         near = difflib.get_close_matches(name[:100], BUILT_IN)

@@ -7,18 +7,19 @@ from __future__ import annotations
 
 import atexit
 import functools
+import itertools
 import shutil
 import tempfile
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.files import write_text
-from mrm_nodes.regression.cases import ABOVE, AROUND
-from mrm_nodes.regression.material_case import MaterialCase
+from mrm_nodes.regression.cases import ABOVE, AROUND, WEIGHTS
+from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase
 from mrm_nodes.render.images import write_png
 
 Array = NDArray[np.float64]
@@ -104,6 +105,31 @@ def more_textured_cases(folder: Path | None = None) -> list[MaterialCase]:
     """Each surface with an image on each kind of input: the suite `full` has them beside the others."""
     root = folder or _own_folder()
     return [_case(root, name, (imaged,)) for name in _of_type("surfaceshader") for imaged in IMAGED]
+
+
+def surrounded_cases(folder: Path | None = None) -> list[MaterialCase]:
+    """Image light on each node with a normal map, and on each surface with an image on every input: for every run."""
+    root = folder or _own_folder()
+    sky = EnvironmentMap("sky", (("rotation", 30.0),))
+    cases = [_case(root, name, ("normal",)) for name in _of_type("BSDF")]
+    cases += [_case(root, name, IMAGED) for name in _of_type("surfaceshader")]
+    return [_within(case, sky, "") for case in cases]
+
+
+def more_surrounded_cases(folder: Path | None = None) -> list[MaterialCase]:
+    """Image light on each surface at each weight: the suite `full` has them beside the others."""
+    root, found = folder or _own_folder(), []
+    for name, weight in itertools.product(_of_type("surfaceshader"), WEIGHTS):
+        path = f"shaded/{SUBJECTS[name].names['retroreflectivity'].split()[0]}"
+        case = replace(_case(root, name, ("color",)), inputs={path: weight})
+        found.append(_within(case, EnvironmentMap("studio"), f"-retro{weight:g}"))
+    return found
+
+
+def _within(case: MaterialCase, light: EnvironmentMap, what: str) -> MaterialCase:
+    """A case with light from around in place of its lights."""
+    name = f"{case.name}-in-{light.name}{what}"
+    return replace(case, name=name, lights=(), environment=light, size=(64, 64))
 
 
 def _of_type(kind: str) -> list[str]:

@@ -385,8 +385,9 @@ function factsOf(each) {
   if (each.details.decades) facts.push(cloudFacts(each));
   if (each.details.worst_configurations) facts.push(worstFacts(each.details.worst_configurations));
   else if (compared(each)) facts.push(figureFacts(each));
+  if (each.details.image_light) facts.push(imageLightFacts(each.details.image_light));
   facts.push(el("section", { class: "set-up" }, el("h3", {}, "Set-up"), tree(each.setup)));
-  const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "maps", "worst", "worst_configurations"].includes(name)));
+  const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "maps", "worst", "worst_configurations", "image_light"].includes(name)));
   const files = ["render_data", "reference_data", "source"].filter((name) => each.files[name]);
   facts.push(
     el("section", {}, el("h3", {}, "Truth and files"),
@@ -417,6 +418,15 @@ function figureFacts(each) {
     el("table", { class: "figures" }, el("thead", {}, el("tr", {}, el("th"), el("th", { scope: "col" }, "measured"), el("th", { scope: "col" }, each.truth === "physics" ? "bound, up to" : "bound"))), el("tbody", {}, rows)),
     el("p", { class: "quiet" }, `${thousands(each.pixels)} pixels, ${thousands(each.lit)} lit${each.notices ? `; would notice ${share(each.notices)}` : ""}`),
   );
+}
+
+// How far the shader's sum over the map is from the integral: no part of the verdict.
+function imageLightFacts({ samples, points, mean, mean_error, rms, rms_error }) {
+  const percent = (value) => `${(100 * value).toFixed(2)} %`;
+  const row = (label, value, error) => el("tr", {}, el("th", { scope: "row" }, label), el("td", {}, percent(value)), el("td", { class: "quiet" }, `± ${percent(error)}`));
+  return el("section", {}, el("h3", {}, "Image light beside its integral"),
+    mean === undefined ? null : el("table", { class: "figures" }, el("tbody", {}, row("mean", mean, mean_error), row("RMS", rms, rms_error))),
+    el("p", { class: "quiet" }, `the sum over ${thousands(samples)} samples, at ${thousands(points)} points, with the integral's standard error; no part of the verdict`));
 }
 
 function cloudFacts(each) {

@@ -4,7 +4,7 @@ A mutant is one small change of one function: an operator, a constant, a term, a
 once more beside the original, with random configurations that owe nothing to the suite: a mutant that changes no more
 than SHARE of them by more than CHANGE is equivalent, as far as an image can tell; any other has survived.
 
-    python tests/mutants.py [--count 200] [--seed 1] [--function NAME] [--backend egl] [-o FILE.json]
+    python tests/mutants.py [--count 200] [--seed 1] [--function NAME] [--without NAME] [--backend egl] [-o FILE.json]
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import itertools
 import json
 import random
 import re
+import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -92,6 +93,66 @@ class Mutant:
         """A shader's source with the change, where it holds the function."""
         changed = self.before[: self.start] + self.replacement + self.before[self.end :]
         return source.replace(self.before, changed, 1)
+
+
+_DIRECTIVE = re.compile(r"\s*#\s*(define|ifdef|ifndef|if|elif|else|endif)\b\s*(\w*)\s*([=!]=)?\s*(\w*)")
+
+
+def compiled(source: str) -> list[bool]:
+    """Whether each line of a shader's source is compiled, by the conditions that the nodes' GLSL has: a name's number,
+    or whether two are equal.
+    """
+    defined: dict[str, str] = {}
+    stack: list[tuple[bool, bool]] = []
+    lines = []
+
+    def number(name: str) -> str:
+        return number(defined[name]) if defined.get(name, "") not in ("", name) else name
+
+    for line in source.splitlines():
+        found = _DIRECTIVE.match(line)
+        directive, name, relation, other = found.groups() if found else ("", "", "", "")
+        if directive in ("if", "ifdef", "ifndef"):
+            is_true = (name in defined) == (directive == "ifdef")
+            if directive == "if":
+                is_true = _holds(number(name), relation, number(other))
+            stack.append((is_true, is_true))
+        elif directive in ("elif", "else"):
+            _, taken = stack.pop()
+            is_true = not taken and (directive == "else" or _holds(number(name), relation, number(other)))
+            stack.append((is_true, taken or is_true))
+        elif directive == "endif":
+            stack.pop()
+        active = all(is_true for is_true, _ in stack)
+        if directive == "define" and active:
+            defined[name] = other
+        lines.append(active)
+    return lines
+
+
+def _holds(first: str, relation: str | None, second: str) -> bool:
+    """A condition of two numbers, or of one."""
+    return first == second if relation == "==" else first != (second if relation else "0")
+
+
+def reached(source: str) -> str:
+    """A shader's source with nothing but spaces in place of what is not compiled, or is part of no call from `main`."""
+    active = compiled(source)
+    text = "\n".join(
+        line if is_active else " " * len(line)
+        for line, is_active in zip(source.splitlines(), active, strict=True)
+    )
+    bodies = {match[1]: match for match in _FUNCTION.finditer(text + "\n")}
+    wanted = set(re.findall(r"mrm_\w+", _FUNCTION.sub("", text + "\n")))
+    while (
+        more := {name for each in wanted & set(bodies) for name in re.findall(r"mrm_\w+", bodies[each][0])}
+        - wanted
+    ):
+        wanted |= more
+    for name, match in bodies.items():
+        if name not in wanted:
+            text = text[: match.start()] + re.sub(r"[^\n]", " ", match[0]) + text[match.end() :]
+    return text
 
 
 def functions(source: str) -> dict[str, str]:
@@ -360,12 +421,18 @@ class Suite:
                 self.images.append(_ImageCase(task, self._workshop, folder))
         self._killers: dict[str, list[str]] = defaultdict(list)
 
-    def functions(self) -> dict[str, str]:
-        """Every function of the nodes that clouds compile: those of all cases."""
-        found: dict[str, str] = {}
+    def mutants(self) -> dict[str, list[Mutant]]:
+        """By function, the mutants of the nodes as the clouds compile them, which hold all that the cases compile."""
+        found: dict[str, list[Mutant]] = {}
         for each in self.clouds:
+            active = reached(each.source)
             for name, text in functions(each.source).items():
-                found.setdefault(name, text)
+                place = each.source.index(text)
+                made = [
+                    mutant for mutant in mutants(name, text) if not active[place + mutant.start].isspace()
+                ]
+                if made:
+                    found.setdefault(name, made)
         return found
 
     def killer(self, mutant: Mutant, quickly: bool = False) -> str | None:
@@ -463,18 +530,18 @@ class Witness:
         attributes = cloud.attributes_of(node)
         document = material.document(node, attributes=attributes, base="oren_nayar_diffuse_bsdf")
         shader = generate_shader(document, element=material.MATERIAL)
-        modes = ("R", "RT", "T") if "scatter_mode" in material.inputs_of(node) else (None,)
+        inputs_of = material.inputs_of(node)
         # A black base is none.
-        for (distribution, masking), base, mode in itertools.product(CLOUD_PAIRS, (0.0, 0.9), modes):
-            kept = 0.1 if mode in ("RT", "T") else 1.0
-            values = {"distribution": distribution, "masking": masking}
-            if mode is not None:
-                values["scatter_mode"] = mode
-            if "retro_transmission" in material.inputs_of(node):
-                values["retro_transmission"] = True  # type: ignore[assignment]
+        kinds = [(*pair, base, "R") for pair in CLOUD_PAIRS for base in (0.0, 0.9)]
+        if "scatter_mode" in inputs_of:
+            kinds += [("ggx", "smith", 0.9, mode) for mode in ("RT", "T")]
+        for distribution, masking, base, mode in kinds:
+            values: dict[str, Any] = {"distribution": distribution, "masking": masking}
+            own = {"scatter_mode": mode, "retro_transmission": True}
+            values |= {name: value for name, value in own.items() if name in inputs_of}
             uniforms = material.uniform_values(node, values)
             uniforms["base_color"] = (base, base, base)
-            for group, count in (("direct", int(points * kept)), ("image light", around)):
+            for group, count in (("direct", points), ("image light", around)):
                 eye = material.as_float32(rng.uniform(-1, 1, 3))
                 to_light = material.as_float32(_unit(rng.normal(size=3)))
                 inputs = configurations(node, rng, count)
@@ -590,6 +657,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=240)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--function", help="only the mutants of one function")
+    parser.add_argument("--without", help="no mutants of one function")
     parser.add_argument("--backend", default="egl")
     parser.add_argument("--filter", help="only cases whose name holds this")
     parser.add_argument(
@@ -603,8 +671,10 @@ def main() -> None:
         for task in suite("default", given.configurations)
         if given.filter is None or given.filter in task.name
     ]
-    cases = Suite(given.backend, tasks, given.output.parent)
-    population = {name: list(mutants(name, text)) for name, text in cases.functions().items()}
+    folder = tempfile.TemporaryDirectory(prefix="mrm-mutants-")
+    cases = Suite(given.backend, tasks, Path(folder.name))
+    population = cases.mutants()
+    population.pop(given.without, None)
     if given.function is not None:
         population = {given.function: population[given.function]}
     print(

@@ -113,6 +113,24 @@ class _Writer:
             return f'<input name="{name}" type="{kind}" interfacename="{outer}" />'
         return f'<input name="{name}" type="{kind}" nodegraph="{graph}" output="out" />'
 
+    def normal(self, name: str = "normal") -> str:
+        """A normal map, made of a ramp."""
+        graph = self.name("graph")
+        low, high = (_text((self.number(0.35, 0.65), self.number(0.35, 0.65), 0.95)) for _ in range(2))
+        self.graphs.append(
+            f"""<nodegraph name="{graph}">
+    <ramplr name="ramp" type="vector3"><input name="valuel" type="vector3" value="{low}" />
+      <input name="valuer" type="vector3" value="{high}" /></ramplr>
+    <normalmap name="mapped" type="vector3"><input name="in" type="vector3" nodename="ramp" /></normalmap>
+    <output name="out" type="vector3" nodename="mapped" />
+  </nodegraph>"""
+        )
+        if self.interface is None:
+            return f'<input name="{name}" type="vector3" nodegraph="{graph}" output="out" />'
+        outer = self.name(name)
+        self.interface.append(f'<input name="{outer}" type="vector3" nodegraph="{graph}" output="out" />')
+        return f'<input name="{name}" type="vector3" interfacename="{outer}" />'
+
     def some(self, share: float, make: Callable[[], str]) -> str:
         """An input that is given in a share of the documents, and left as it comes in the others."""
         return make() if self.rng.random() < share else ""
@@ -138,6 +156,7 @@ def _lobe(w: _Writer) -> str:
     other = min(1.0, alpha * w.rng.choice((1.0, 1.0, 2.0, 5.0))) if ours else alpha
     inputs = [w.value("roughness", "vector2", (alpha, other))]
     inputs.append(w.some(0.3, lambda: w.value("weight", "float", w.number(0.2, 1.0))))
+    inputs.append(w.some(0.15, w.normal))
     if w.rng.random() < 0.2:
         inputs.append(w.value("thinfilm_thickness", "float", w.number(100, 800)))
         inputs.append(w.value("thinfilm_ior", "float", w.number(1.1, 1.8)))
@@ -262,6 +281,9 @@ def _surface(w: _Writer, node: str, ours: bool) -> str:
             else w.number(low, high)
         )
         inputs.append(w.some(0.5, lambda name=name, value=value: w.value(name, "float", value)))
+    inputs.append(
+        w.some(0.15, lambda: w.normal("geometry_normal" if node == "open_pbr_surface" else "normal"))
+    )
     if ours:
         inputs.append(w.value(_WEIGHTS[node], "float", w.rng.choice((0.0, 1.0, w.number(0.1, 0.9)))))
     return w.node(f"{'mrm_' if ours else ''}{node}", "surfaceshader", *inputs)

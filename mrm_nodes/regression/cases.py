@@ -264,6 +264,8 @@ def _inputs() -> Iterator[Case]:
         yield _case(node, f"scatter-{mode}", {**half, "scatter_mode": mode}, base=below)
     yield _case(dielectric, "weight0", {**half, "weight": 0.0}, base=(0.8, 0.2, 0.1))
     yield _case(schlick, "color82-black", {**half, "color82": (0.0, 0.0, 0.0)})
+    bright = {"color0": (1.3, 0.6, 1.1), "color82": (1.2, 1.5, 0.4), "color90": (1.4, 1.1, 1.0)}
+    yield _case(schlick, "colors-above-1", {**half, **bright})
     yield _case(schlick, "exponent2", {**half, "exponent": 2.0, "color90": (0.2, 0.6, 1.0)})
     yield _case(dielectric, "ior1.1", {**half, "ior": 1.1})
     yield _case(conductor, "roughness-above-1", half, (1.5, 1.2))

@@ -294,8 +294,6 @@ def _changed(shader: Shader, mutant: Mutant) -> Shader:
 
 _EXPENSIVE = (
     (image_case, "reference_points"),
-    (image_case, "environment_image"),
-    (image_case, "irradiance"),
     (physics, "shade_tree"),
     (physics, "light_tree"),
 )
@@ -425,14 +423,11 @@ class Suite:
         """By function, the mutants of the nodes as the clouds compile them, which hold all that the cases compile."""
         found: dict[str, list[Mutant]] = {}
         for each in self.clouds:
-            active = reached(each.source)
-            for name, text in functions(each.source).items():
-                place = each.source.index(text)
-                made = [
-                    mutant for mutant in mutants(name, text) if not active[place + mutant.start].isspace()
-                ]
-                if made:
-                    found.setdefault(name, made)
+            for source, method in ((each.source, ""), (each.source.replace(*_OTHER_METHOD, 1), PREFILTERED)):
+                for name, made in _reached_mutants(source).items():
+                    if all(known[0].before != made[0].before for known in found.values()):
+                        key = f"{name}{method}"
+                        found[key] = [dataclasses.replace(mutant, function=key) for mutant in made]
         return found
 
     def killer(self, mutant: Mutant, quickly: bool = False) -> str | None:
@@ -454,8 +449,10 @@ class Suite:
         trials: list[tuple[str, Callable[[], bool]]] = [
             (each.name, each.fails_at_once if isinstance(each, _CloudCase) else each.fails) for each in known
         ]
-        if "environment" in mutant.function:
-            trials += [(each.name, each.fails) for each in around[:4]]
+        if "environment" in mutant.function or mutant.function.endswith(PREFILTERED):
+            of_method = PREFILTERED in mutant.function
+            likely = [each for each in around if ("prefilter" in each.name) == of_method]
+            trials += [(each.name, each.fails) for each in likely[:6]]
         else:
             trials += [(each.name, each.fails_at_once) for each in own]
             trials += [(each.name, each.fails) for each in images if "over-diffuse" in each.name]
@@ -470,6 +467,23 @@ class Suite:
             return None
         finally:
             self._workshop.mutant = None
+
+
+PREFILTERED = " (prefiltered)"
+"""After the name of a function that only that method of image light compiles."""
+_OTHER_METHOD = ("#define MRM_ENVIRONMENT 1\n", "#define MRM_ENVIRONMENT 2\n")
+
+
+def _reached_mutants(source: str) -> dict[str, list[Mutant]]:
+    active = reached(source)
+    found = {}
+    for match in itertools.chain(_FUNCTION.finditer(source), _NAMES.finditer(source)):
+        name = match[1] if match.re is _FUNCTION else "enumerations"
+        every = mutants(name, match[0])
+        made = [mutant for mutant in every if not active[match.start() + mutant.start].isspace()]
+        if made:
+            found[name] = made
+    return found
 
 
 @contextlib.contextmanager
@@ -529,7 +543,10 @@ class Witness:
     def _of(self, node: str, points: int, around: int, rng: np.random.Generator) -> Iterator[_Draw]:
         attributes = cloud.attributes_of(node)
         document = material.document(node, attributes=attributes, base="oren_nayar_diffuse_bsdf")
-        shader = generate_shader(document, element=material.MATERIAL)
+        usual, prefiltered = (
+            generate_shader(document, element=material.MATERIAL, environment=method)
+            for method in ("fis", "prefilter")
+        )
         inputs_of = material.inputs_of(node)
         # A black base is none.
         kinds = [(*pair, base, "R") for pair in CLOUD_PAIRS for base in (0.0, 0.9)]
@@ -541,7 +558,11 @@ class Witness:
             values |= {name: value for name, value in own.items() if name in inputs_of}
             uniforms = material.uniform_values(node, values)
             uniforms["base_color"] = (base, base, base)
-            for group, count in (("direct", points), ("image light", around)):
+            groups = [("direct", points, usual), ("image light", around, usual)]
+            if (distribution, masking) == ("ggx", "smith"):
+                # That method knows no other lobe.
+                groups.append(("prefiltered image light", points, prefiltered))
+            for group, count, shader in groups:
                 eye = material.as_float32(rng.uniform(-1, 1, 3))
                 to_light = material.as_float32(_unit(rng.normal(size=3)))
                 inputs = configurations(node, rng, count)

@@ -174,6 +174,17 @@ def test_no_sample_weighs_more_than_1(distribution, masking, correlation):
         np.where(drawn.l[:, 2] * z < 0.0, np.where(z > 0.0, 1.5**2, 1.5**-2), 1.0)[:, None] * drawn.weight
     )
     assert energy.max() <= 1.0 + 1e-9
+    # Of a coloured interface one reflectance, the mean, decides for all three.
+    tape = ref.GeneralizedSchlick(
+        (1.0, 0.1, 0.0), 1.0, (1.0, 0.5, 0.0), alpha=alpha, scatter_mode="RT", retroreflectivity=0.5, **common
+    )
+    drawn = tape.sample(v, rng.random((4000, 3)))
+    root = math.sqrt(1.1 / 3.0)
+    index = (1.0 + root) / (1.0 - root)
+    across = np.where(z > 0.0, index**2, index**-2)
+    energy = np.where(drawn.l[:, 2] * z < 0.0, across, 1.0)[:, None] * drawn.weight
+    assert energy.mean(axis=-1).max() <= 1.0 + 1e-9
+    assert 2.0 < energy.max() <= 3.0 + 1e-9
 
 
 class VisibleNormals:

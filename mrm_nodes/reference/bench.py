@@ -2,6 +2,7 @@
 arrays.
 """
 
+import math
 import resource
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,8 +18,7 @@ from . import compiled
 from . import microsurface as surface
 from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
 from .compiled import Array
-from .energy import RESOLUTION, white_albedo_table
-from .energy_formulas import COLUMNS, ROWS
+from .energy import POINTS, RESOLUTION, white_albedo_table
 
 #: Complex index of a copper-like metal, for red, green and blue.
 IOR, EXTINCTION = (0.2004, 0.9240, 1.1022), (3.9129, 2.4528, 2.1421)
@@ -194,7 +194,7 @@ def _table(cores: int) -> Row:
     """Samples a second of the table that energy compensation reads, made anew."""
     start = time.perf_counter()
     white_albedo_table.__wrapped__(surface.GGX, surface.SMITH, surface.HEIGHT)
-    samples = ROWS * COLUMNS * RESOLUTION**2
+    samples = math.prod(POINTS) * RESOLUTION**2
     seconds = time.perf_counter() - start
     return Row("mrm_nodes, float64", "table", "white, GGX", cores, samples, seconds)
 

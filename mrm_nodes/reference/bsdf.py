@@ -32,7 +32,7 @@ from .checks import (
     scalar,
 )
 from .compiled import Array, Kernel, run
-from .energy import any_lobe_table, white_albedo_table
+from .energy import white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
 from .quadrature import quadrature_nodes
 
@@ -154,9 +154,7 @@ class Lobe:
         if self._compensation in (energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
             return np.array(COEFFICIENTS[self._fit_pair()])
         if self._compensation in (energy.TURQUIN, energy.KULLA_CONTY):
-            isotropic = not self._rxy.any() and np.array_equal(self._alpha[..., 0], self._alpha[..., 1])
-            make = white_albedo_table if isotropic else any_lobe_table
-            return make(self._distribution, self._masking, self._correlation)
+            return white_albedo_table(self._distribution, self._masking, self._correlation)
         return np.ones((2, 2))
 
     def _fit_pair(self) -> tuple[str, str]:
@@ -219,7 +217,8 @@ class Lobe:
 
         Visible normals (Heitz and d'Eon 2014) are reflected or refracted by Fresnel's law; a blend turns the result
         about the normal with probability `retroreflectivity`, and `pdf` is the mixture's (Portsmouth et al. 2026,
-        Section 4).
+        Section 4). Between reflection and transmission the mean of the three reflectances decides: without compensation
+        the mean of a weight's channels, as energy, is at most 1 (times a tint), a single channel at most 3.
 
         Args:
             v: (..., 3), as in `eval`.

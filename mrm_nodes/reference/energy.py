@@ -1,9 +1,9 @@
 """Tables of directional albedo, which forward and retro lobes share (001 eq. 18), and what is built on them.
 
-An isotropic lobe has its own table, by direction and alpha. E of any other depends on four numbers: one for the
-direction, and three for the ellipse of slopes as it is seen from there, along, across, and how the two are
-correlated. In these a lobe may have any alphas, azimuth and correlated roughness; that table is made where one
-asks for it, once a process, in a few seconds.
+E of a lobe depends on four numbers: one for the direction, and three for the ellipse of slopes as it is seen from
+there, along, across, and how the two are correlated. In these a lobe may have any alphas, azimuth and correlated
+roughness, and E is smooth down to alpha 0, where it is that of slopes that have nothing but a direction's own size to
+be compared with. A table is made where one asks for it, once a process, in a second or two.
 """
 
 from __future__ import annotations
@@ -23,21 +23,17 @@ from .energy_formulas import ACROSS, AVERAGES, COLUMNS, FREE, ROWS, WIDEST
 from .fresnel import DIELECTRIC
 from .quadrature import quadrature_nodes
 
-RESOLUTION = 64
-
-#: Largest error of E by a table. Isotropic: at grazing angles where E falls from 1 within n.v < alpha; 1e-3 for
-#: n.v above 0.1. Otherwise for alphas up to 20 to 1, the larger 0.005 or more, and correlated roughness up to 0.95.
+#: Largest error of E by a table, absolute and relative: for any direction and alpha, with the slopes' alphas along
+#: their own axes up to 20 to 1 and correlated up to 0.95.
 TABLE_ERROR = 6e-3
 
-# Chebyshev points that the table of any lobe is interpolated from, and its quadrature's resolution: a step of
-# any of them changes E by less than half of TABLE_ERROR.
+# Chebyshev points that a table is interpolated from, and its quadrature's resolution: a step of any of them changes E
+# by less than half of TABLE_ERROR.
 POINTS = (20, 12, 9, 5)
-COARSE = 32
+RESOLUTION = 32
 
 
-def _integrated(
-    v: Array, alpha: Array, distribution: int, masking: int, correlation: int, resolution: int
-) -> Array:
+def _integrated(v: Array, alpha: Array, distribution: int, masking: int, correlation: int) -> Array:
     """E by quadrature, of a lobe with F = 1."""
     # Total reflection inside a dense dielectric: F is 1 and its formula is not asked.
     index, one, zero = np.full(3, 1e6), np.ones(1), np.zeros(1)
@@ -45,44 +41,14 @@ def _integrated(
         alpha, zero, index, np.zeros(3), np.zeros(3), 5.0 * one, zero, one, zero, np.zeros(2), np.ones(3)
     ]  # fmt: skip
     modes = [DIELECTRIC, distribution, masking, correlation, formulas.NONE, block.REFLECT, 0, 0, 1]
-    tables = [np.ones((2, 2)), quadrature_nodes(resolution)]
+    tables = [np.ones((2, 2)), quadrature_nodes(RESOLUTION)]
     (albedo,), _ = run(kernels.INTEGRATE, [-v, np.zeros(3), *white], modes, [3], tables)
     return np.asarray(albedo[..., 0])
 
 
 @lru_cache(maxsize=32)
 def white_albedo_table(distribution: int, masking: int, correlation: int) -> Array:
-    """E on a grid even in sqrt(n.v) (rows) and sqrt(alpha) (columns), over [0, 1]; the last row is the
-    average.
-
-    The average is that of the interpolated table, so that Kulla and Conty's term gives back just what it
-    says is lost."""
-    # At the very ends E is a limit: 1 for a mirror, and what grazing directions tend to.
-    cosine = np.maximum(np.linspace(0.0, 1.0, ROWS) ** 2, 1e-6)
-    alpha = np.maximum(np.linspace(0.0, 1.0, COLUMNS) ** 2, 1e-6)
-    v = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(ROWS), cosine], axis=-1)[:, np.newaxis]
-    both = np.repeat(alpha[:, np.newaxis], 2, axis=1)
-    table = _integrated(v, both, distribution, masking, correlation, RESOLUTION)
-    average = _grid_weights() @ table
-    return np.concatenate([table, average[np.newaxis]])
-
-
-def _grid_weights() -> Array:
-    """Weights of the rows in 2 ∫ E cos dcos, exact for E piecewise linear in x = sqrt(cos): 4 x³ dx."""
-    t, w = np.polynomial.legendre.leggauss(3)
-    t, w = 0.5 * (t + 1.0), 0.5 * w
-    step = 1.0 / (ROWS - 1)
-    x = (np.arange(ROWS - 1)[:, np.newaxis] + t) * step
-    density = 4.0 * x**3 * w * step
-    weights = np.zeros(ROWS)
-    weights[:-1] += (density * (1.0 - t)).sum(axis=1)
-    weights[1:] += (density * t).sum(axis=1)
-    return weights
-
-
-@lru_cache(maxsize=32)
-def any_lobe_table(distribution: int, masking: int, correlation: int) -> Array:
-    """`white_albedo_table`, E of any lobe in the rows below it, and its averages in the last ones.
+    """E of any lobe, and its averages in the last rows.
 
     Over [0, 1] the grid is even in: the roughness across v over WIDEST; the free share of the slopes across v,
     sqrt(1 - r²) where r is their correlation with those along v; the cosine of v in the standard configuration;
@@ -99,13 +65,12 @@ def any_lobe_table(distribution: int, masking: int, correlation: int) -> Array:
     tangent = np.sqrt(1.0 - cosine**2)[..., np.newaxis] * axes[..., 0, :]
     v = np.concatenate([tangent, (np.maximum(cosine, 1e-3) * along)[..., np.newaxis]], axis=-1)
     v /= np.linalg.norm(v, axis=-1, keepdims=True)
-    values = _integrated(v, alpha, distribution, masking, correlation, COARSE)
+    values = _integrated(v, alpha, distribution, masking, correlation)
     for axis, count in enumerate((ROWS, COLUMNS, ACROSS, FREE)):
         values = np.moveaxis(
             np.tensordot(_interpolation(values.shape[axis], count), values, (1, axis)), 0, axis
         )
-    grid = np.minimum(values.transpose(2, 3, 0, 1).reshape(-1, COLUMNS), 1.0)
-    table = np.concatenate([white_albedo_table(distribution, masking, correlation), grid])
+    table = np.minimum(values.transpose(2, 3, 0, 1).reshape(-1, COLUMNS), 1.0)
     return np.concatenate([table, _averages(table)])
 
 
@@ -137,8 +102,7 @@ def _averages(table: Array) -> Array:
     weight = np.outer(8.0 * root**7 * root_weight, azimuth_weight)
     v = _direction(root[:, np.newaxis] ** 4, azimuth)
     alpha = np.maximum(WIDEST * np.linspace(0.0, 1.0, AVERAGES) ** 2, 1e-6)
-    # Equal alphas would be looked up as an isotropic lobe's.
-    pairs = np.stack(np.broadcast_arrays(alpha[:, np.newaxis], (1.0 - 1e-9) * alpha), axis=-1)
+    pairs = np.stack(np.broadcast_arrays(alpha[:, np.newaxis], alpha), axis=-1)
     values, _ = _look_up(v, pairs[:, :, np.newaxis, np.newaxis], table)
     return np.asarray(np.einsum("ijkl,kl", 1.0 - values, weight) ** 0.25).reshape(-1, COLUMNS)
 
@@ -175,8 +139,7 @@ def _look_up_named(
     mask = surface.VCAVITY if code == surface.PHONG else choice("masking", masking, MASKINGS)
     x = scalar("alpha", alpha, 0.0, open_low=True)[..., 0]
     y = x if alpha_y is None else scalar("alpha_y", alpha_y, 0.0, open_low=True)[..., 0]
-    make = white_albedo_table if np.array_equal(x, y) else any_lobe_table
-    table = make(code, mask, choice("correlation", correlation, CORRELATIONS))
+    table = white_albedo_table(code, mask, choice("correlation", correlation, CORRELATIONS))
     both = np.stack(np.broadcast_arrays(x, y), axis=-1)
     return _look_up(v, np.minimum(both, 1.0), table)
 

@@ -13,11 +13,11 @@ MATERIALX_1_39_6 = 2
 TURQUIN = 3
 KULLA_CONTY = 4
 
-# A table of E: ROWS directions by COLUMNS alphas, isotropic, and a row of averages. One of any lobe goes on with
-# ACROSS times FREE times as many rows, and with AVERAGES² averages, cut into rows of COLUMNS.
+# A table of E: ROWS directions by COLUMNS roughnesses along them, ACROSS times FREE times, and AVERAGES² averages,
+# cut into rows of COLUMNS.
 ROWS = 48
 COLUMNS = 24
-ACROSS = 16
+ACROSS = 32
 FREE = 6
 AVERAGES = 4 * COLUMNS
 #: The largest alpha along any axis, where both are at most 1: slopes that are correlated add theirs up.
@@ -78,22 +78,15 @@ def _bilinear(table: Array, i: int, x: float, j: int, y: float) -> float:
 
 
 @formula
-def table_lookup(cosine: float, alpha: float, table: Array) -> float:
-    """E of an isotropic lobe: bilinear in sqrt(n.v) (rows) and sqrt(alpha) (columns), both over [0, 1]."""
-    i, x = _cell(math.sqrt(max(cosine, 0.0)), ROWS)
-    j, y = _cell(math.sqrt(max(alpha, 0.0)), COLUMNS)
-    return _bilinear(table, i, x, j, y)
-
-
-@formula
-def _anisotropic_lookup(
+def albedo_lookup(
     x: float, y: float, z: float, ax: float, ay: float, correlation: float, table: Array
 ) -> float:
     """E at a direction: linear in its cosine in the standard configuration, in the roughness along it and
     across it, and in how little the slopes along and across are correlated."""
     sine_squared = x * x + y * y
     stretched = stretched_sine_squared(x, y, ax, ay, correlation)
-    along, across = ax, ay
+    # At the normal every azimuth is as good.
+    along, across = max(ax, ay), min(ax, ay)
     if sine_squared > 0.0:
         along = math.sqrt(stretched / sine_squared)
         across = math.sqrt(stretched_sine_squared(-y, x, ax, ay, correlation) / sine_squared)
@@ -103,21 +96,11 @@ def _anisotropic_lookup(
     j, b = _cell(math.sqrt(along / WIDEST), COLUMNS)
     k, c = _cell(across / WIDEST, ACROSS)
     m, d = _cell(free, FREE)
-    row = ROWS + 1 + (k * FREE + m) * ROWS + i
+    row = (k * FREE + m) * ROWS + i
     near = _bilinear(table, row, a, j, b) * (1.0 - d) + _bilinear(table, row + ROWS, a, j, b) * d
     row += FREE * ROWS
     far = _bilinear(table, row, a, j, b) * (1.0 - d) + _bilinear(table, row + ROWS, a, j, b) * d
     return near + (far - near) * c
-
-
-@formula
-def albedo_lookup(
-    x: float, y: float, z: float, ax: float, ay: float, correlation: float, table: Array
-) -> float:
-    """E at a direction, of an isotropic lobe or, by a table that has more than those, of any."""
-    if ax == ay and correlation == 0.0:
-        return table_lookup(z, ax, table)
-    return _anisotropic_lookup(x, y, z, ax, ay, correlation, table)
 
 
 @formula
@@ -130,13 +113,7 @@ def _root_of_lost(i: int, j: int, table: Array) -> float:
 
 @formula
 def average_lookup(ax: float, ay: float, correlation: float, table: Array) -> float:
-    """E_avg: of an isotropic lobe the row below its E; of another, from the table's last rows by the alphas
-    along the principal axes of its slopes.
-    """
-    if ax == ay and correlation == 0.0:
-        j, y = _cell(math.sqrt(ax), COLUMNS)
-        average: float = table[ROWS, j] + (table[ROWS, j + 1] - table[ROWS, j]) * y
-        return average
+    """E_avg, from the table's last rows by the alphas along the principal axes of the slopes."""
     half = 0.5 * (ax * ax - ay * ay)
     apart = math.sqrt(half * half + (correlation * ax * ay) ** 2)
     major = math.sqrt(0.5 * (ax * ax + ay * ay) + apart)

@@ -509,15 +509,10 @@ def white_albedo(s: Array, modes: Any, table: Array) -> None:
 @inlined
 def look_up(s: Array, direction: int, row: int, table: Array) -> None:
     """E at the direction in three rows, by the exact table, into one; alpha above 1 is taken as 1."""
-    if table.shape[0] == energy.ROWS + 1:
-        for i in range(BLOCK):
-            cosine = s[direction + 2 * BLOCK + i]
-            s[row + i] = energy.table_lookup(cosine, math.sqrt(s[AX + i] * s[AY + i]), table)
-    else:
-        for i in range(BLOCK):
-            x, y, z = s[direction + i], s[direction + BLOCK + i], s[direction + 2 * BLOCK + i]
-            ax, ay = min(s[AX + i], 1.0), min(s[AY + i], 1.0)
-            s[row + i] = energy.albedo_lookup(x, y, z, ax, ay, s[RXY + i], table)
+    for i in range(BLOCK):
+        x, y, z = s[direction + i], s[direction + BLOCK + i], s[direction + 2 * BLOCK + i]
+        ax, ay = min(s[AX + i], 1.0), min(s[AY + i], 1.0)
+        s[row + i] = energy.albedo_lookup(x, y, z, ax, ay, s[RXY + i], table)
 
 
 @formula

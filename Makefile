@@ -13,6 +13,7 @@
 # make mutants   change the nodes' GLSL in 240 ways, one at a time, and say which of them the default suite does not notice;
 #                half an hour (SEED=2 chooses others)
 # make random    300 random materials on each backend (MRM_SEED=N makes those of another run); half an hour
+# make decades   ten million random configurations of each node, by decade of alpha and of both cosines; a quarter of an hour
 # make docs      build the documentation's site, build/site/index.html; what is wrong with a page or a link ends it
 # make lint      check types, lint and format
 #
@@ -33,7 +34,7 @@ SWEEP := tests/test_sweep.py
 # `make regress-full` runs all of its cases, and `make test` none.
 TEXTURED := render_tests/test_textured.py
 
-.PHONY: regress regress-full sweep test docs lint setup clean targets clients fuzz faults mutants random
+.PHONY: regress regress-full sweep test docs lint setup clean targets clients fuzz faults decades mutants random
 
 regress: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --scenes
@@ -74,6 +75,9 @@ mutants: setup
 
 random: setup
 	MRM_RANDOM=300 $(BIN)/python -m pytest -q -n 2 tests/test_random_materials.py
+
+decades: setup
+	MRM_CONFIGURATIONS=10000000 $(BIN)/python -m pytest -q -s render_tests/test_decades.py
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build

@@ -15,8 +15,9 @@ void mrm_generalized_schlick_bsdf(ClosureData closureData, float weight, vec3 co
     vec3 safeColor0 = max(color0, 0.0);
     vec3 safeColor82 = max(color82, 0.0);
     vec3 safeColor90 = max(color90, 0.0);
-    // x^0 is 1, at the mirror angle too, where pow(0, 0) is undefined: the curve is color90 everywhere.
-    bool isConstant = exponent == 0.0;
+    // x^0 is 1, at the mirror angle too, where pow(0, 0) is undefined: the curve is color90 everywhere. Under a film
+    // color0 is an index too, and mrm_fresnel keeps off that angle.
+    bool isConstant = exponent == 0.0 && !(thinfilm_thickness > 0.0);
     FresnelData fd = mx_init_fresnel_schlick(isConstant ? safeColor90 : safeColor0, safeColor82, safeColor90, isConstant ? 5.0 : exponent, thinfilm_thickness, thinfilm_ior);
     MrmLobe lobe = mrm_init_lobe(roughness, distribution, masking);
     vec2 AB = vec2(0.0);

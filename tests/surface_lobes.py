@@ -56,12 +56,19 @@ def shader_of(node: str) -> Shader:
     return mrm_nodes.generate_shader(document, max_lights=1)
 
 
-#: MaterialX's lines in its three microfacet nodes, and what they are with the README's departures: the half
-#: angle's cosine from the length of L + V where that is short, and Fresnel within [0, 1].
+#: MaterialX's lines in its three microfacet nodes, and what they are with our departures: a half vector and half angle
+#: that keep their digits, and Fresnel within [0, 1].
 _FRESNEL = {
+    r"vec3 H = normalize\(L \+ V\);": """
+        vec3 S = L + V;
+        vec3 A = L - V;
+        vec3 sum = vec3(dot(S, X), dot(S, Y), dot(S, N));
+        vec3 difference = vec3(dot(A, X), dot(A, Y), dot(A, N));
+        sum -= difference * (dot(sum, difference) / max(dot(difference, difference), 1.0));""",
     r"float VdotH = clamp\(dot\(V, H\), M_FLOAT_EPS, 1\.0\);": """
-        float halfLength = 0.5 * length(L + V);
-        float VdotH = clamp(halfLength < 0.1 ? halfLength : dot(V, H), M_FLOAT_EPS, 1.0);""",
+        float VdotH = clamp(0.5 * length(sum), M_FLOAT_EPS, 1.0);""",
+    r"vec3 Ht = vec3\(dot\(H, X\), dot\(H, Y\), dot\(H, N\)\);": """
+        vec3 Ht = sum / max(length(sum), 2.0 * M_FLOAT_EPS);""",
     r"vec3\s+F = mx_compute_fresnel\(VdotH, fd\);": """
         vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);""",
 }

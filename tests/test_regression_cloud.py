@@ -5,6 +5,8 @@ import pytest
 
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cloud import (
+    DECADES,
+    GRAZING,
     LOBE,
     MAP_ALPHAS,
     MAP_ANGLES,
@@ -17,6 +19,7 @@ from mrm_nodes.regression.cloud import (
     random_directions,
     random_inputs,
     run_cloud,
+    tally,
 )
 from mrm_nodes.regression.reference_image import evaluator, shading_frame
 
@@ -38,8 +41,8 @@ def test_every_varying_input_is_random_and_exact_in_float32(node):
 
 def test_alpha_is_even_over_the_decades_and_half_anisotropic():
     roughness = random_inputs("mrm_conductor_bsdf", rng(), N)["roughness"]
-    counts, _ = np.histogram(roughness.min(-1), [0.000999, 0.01, 0.1, 1.0])
-    assert counts / N == pytest.approx([1 / 3] * 3, abs=0.02)
+    counts, _ = np.histogram(roughness.min(-1), [0.0000999, 0.001, 0.01, 0.1, 1.0])
+    assert counts / N == pytest.approx([1 / 4] * 4, abs=0.02)
     assert np.mean(roughness[:, 0] == roughness[:, 1]) == pytest.approx(0.5, abs=0.03)
     assert roughness.max() <= 1.0
 
@@ -56,6 +59,10 @@ def test_lights_come_from_the_lobe_from_anywhere_and_from_the_viewer():
     assert [np.mean(kind == each) for each in (LOBE, SPHERE, SAME)] == pytest.approx(
         [0.5, 0.4, 0.1], abs=0.02
     )
+    for cosine in (v[:, 2], np.abs(light[:, 2])):
+        assert cosine.min() >= GRAZING
+        counts, _ = np.histogram(cosine, [GRAZING, 1e-4, 1e-3, 1e-2, 1e-1])
+        assert (counts > 0.03 * N).all()
     # A retroreflective lobe of this width keeps close to the view.
     assert np.median(np.sum(v * light, -1)[kind == LOBE]) > 0.98
     assert np.mean(light[kind == SPHERE][:, 2] < 0) == pytest.approx(0.5, abs=0.02)
@@ -98,7 +105,7 @@ class FakeRenderer:
         view, frame = shading_frame(*points, camera_position)
         data = [light.data(Camera(position=camera_position, target=(9.0, 9.0, 9.0))) for light in lights]
         bsdf = evaluator(self.node, values)
-        image, _ = shade(bsdf, attributes["weight"], view, frame, attributes["position"], data)
+        image = shade(bsdf, attributes["weight"], view, frame, attributes["position"], data)
         return {
             "image": (image * (1.0 + self.error)).astype(np.float32),
             **{name: attributes[name] for name in ("position", "normal", "tangent")},
@@ -111,7 +118,7 @@ def test_a_cloud_passes_or_fails_with_figures_by_decade(error, verdict):
     result = run_cloud(cloud, FakeRenderer(cloud.node, error), None)
     assert result.verdict == verdict
     assert sum(decade["configurations"] for decade in result.decades) == 5000
-    assert {tuple(decade["alpha"]) for decade in result.decades} == {(0.001, 0.01), (0.01, 0.1), (0.1, 1.0)}
+    assert {tuple(decade["alpha"]) for decade in result.decades} == set(DECADES)
     if error == 0.1:
         assert result.figures.max_rel == pytest.approx(0.1, rel=1e-4)
 
@@ -138,7 +145,7 @@ def test_the_maps_have_the_worst_of_each_cell_and_the_worst_configurations_their
         assert [len(row) for row in rows] == [MAP_ALPHAS] * MAP_ANGLES
     for each in result.worst:
         film = each["inputs"]["thinfilm_thickness"] > 0
-        column = int((np.log10(min(each["inputs"]["roughness"])) + 3) / 3 * MAP_ALPHAS)
+        column = int((np.log10(min(each["inputs"]["roughness"])) + 4) / 4 * MAP_ALPHAS)
         for angle in ("view", "light"):
             row = min(int(degrees(each[angle]) / 90 * MAP_ANGLES), MAP_ANGLES - 1)
             assert cells[angle, film][row][column] >= 0.94 * each["used"]
@@ -158,3 +165,15 @@ def test_maps_tell_an_error_that_is_not_finite_from_a_cell_that_is_empty():
         for used in row
     }
     assert values == {None, MOST_USED}
+
+
+@pytest.mark.parametrize(("error", "over", "not_finite"), [(0.0, 0, 0), (0.1, 1, 0), (np.nan, 1, 1)])
+def test_a_tally_counts_each_configuration_in_its_decades(error, over, not_finite):
+    cloud = Cloud("mrm_conductor_bsdf", configurations=2000)
+    found = tally(cloud, FakeRenderer(cloud.node, error), None)
+    for axis in ("alpha", "n.v"):
+        decades = [decade for (each, _), decade in found.items() if each == axis]
+        assert sum(decade.configurations for decade in decades) == 2000
+        assert all((decade.over > 0) == over and (decade.not_finite > 0) == not_finite for decade in decades)
+    above = sum(decade.configurations for (axis, _), decade in found.items() if axis == "n.l")
+    assert 800 < above < 1900

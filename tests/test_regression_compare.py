@@ -3,14 +3,16 @@
 import numpy as np
 import pytest
 
+from mrm_nodes import reference
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.compare import (
-    FILM_MAX,
     FLOOR,
+    NEAR_COSINE_MAX,
+    VIEW_MAX,
     Bounds,
-    bounds_for,
     compare,
-    grazing_factor,
+    direction_bounds,
+    lobe_bounds,
     quantile,
     relative_error,
 )
@@ -20,13 +22,6 @@ LOOSE = Bounds(np.array(1e-4), np.array(1e-5))
 
 def scene(n=4000, seed=0):
     return np.random.default_rng(seed).uniform(0.01, 10.0, (n, 3))
-
-
-def bounds(alpha, distribution="ggx", reference=1.0, grazing=None, white=0.0, film=False):
-    reference = np.full((1, 3), reference)
-    grazing = reference if grazing is None else np.full((1, 3), grazing)
-    made = bounds_for(alpha, distribution, reference, grazing, np.full((1, 3), white), film)
-    return made.max_rel[0, 0], made.p999_rel[0, 0]
 
 
 def test_an_image_equal_to_its_reference_passes_with_figures_of_zero():
@@ -104,27 +99,49 @@ def test_a_reference_that_is_not_finite_is_an_error():
     ],
 )
 def test_bounds_follow_alpha_and_distribution(alpha, distribution, max_rel, p999_rel):
-    assert bounds(alpha, distribution) == (pytest.approx(max_rel), pytest.approx(p999_rel))
+    found = lobe_bounds(alpha, distribution)
+    assert (found.max_rel[0], found.p999_rel[0]) == (pytest.approx(max_rel), pytest.approx(p999_rel))
 
 
-def test_a_thin_film_allows_an_error_of_its_fresnel_factor():
-    without, _ = bounds(0.5, reference=2.0)
-    with_film, _ = bounds(0.5, reference=2.0, white=4.0, film=True)
-    assert with_film - without == pytest.approx(FILM_MAX * 4.0 / 2.0)
+def at(v, l, alpha=0.01, masking="smith", **others):  # noqa: E741
+    """The bound for a view and a light at angles in one plane."""
+    directions = (np.array([[np.sin(t), 0.0, np.cos(t)]]) for t in (v, l))
+    return float(direction_bounds((alpha, alpha), "ggx", masking, *directions, **others).max_rel[0, 0])
 
 
-def test_bounds_grow_with_the_grazing_part_of_the_light():
-    def at(v, l):  # noqa: E741
-        return float(grazing_factor(*(np.array([[np.sin(t), 0.0, np.cos(t)]]) for t in (v, l)))[0, 0])
-
-    assert at(0.3, -0.9) == at(0.0, 1.5) == 1.0
-    # Both at cosine 0.01: the half angle's cosine is 0.01 for the forward lobe, or for the retro lobe.
+def test_bounds_grow_as_the_half_angles_cosine_falls_and_more_for_materialx():
+    own = lobe_bounds(0.01, "ggx").max_rel[0]
+    assert own < at(0.3, -0.9) < 1.1 * own
     grazing = np.arccos(0.01)
-    assert at(grazing, -grazing) == at(grazing, grazing) == pytest.approx(6.0)
-    # Only the light: its own cosine counts.
-    assert at(0.0, np.arccos(0.001)) == pytest.approx(5.0)
-    assert bounds(0.5, reference=2.0, grazing=6.0)[0] == pytest.approx(3 * bounds(0.5)[0])
-    assert bounds(0.5, reference=1e-9, grazing=1e-8)[0] == pytest.approx(bounds(0.5)[0])
+    # Both at cosine 0.01: the half angle's cosine is 0.01 for the forward lobe, or for the retro lobe.
+    for light in (grazing, -grazing):
+        of_view = 2 / 0.01 * VIEW_MAX / 0.02
+        assert own + of_view < at(grazing, light) < 2 * (own + of_view)
+        assert at(grazing, light, materialx=True) > 1.5 * at(grazing, light)
+
+
+@pytest.mark.parametrize("masking", ["smith", "vcavity"])
+@pytest.mark.parametrize("alpha", [0.003, 0.05, 1.0])
+@pytest.mark.parametrize(("v", "l"), [(0.2, 1.57), (1.57, 0.2), (1.5, 1.55), (-1.55, 1.5), (0.4, 0.3)])
+def test_bounds_allow_what_an_error_of_both_cosines_does_to_the_masking(v, l, alpha, masking):  # noqa: E741
+    """By differences of the evaluator's own masking, for errors of a millionth of each cosine."""
+    ggx = reference.GGX(alpha, alpha)
+
+    def log_response(near_v, near_l):
+        view, light = (
+            np.array([np.sign(t) * np.sqrt(1 - c * c), 0.0, c]) for t, c in ((v, near_v), (l, near_l))
+        )
+        half = (view + light) / np.linalg.norm(view + light)
+        return np.log(float(ggx.G2(view, light, half, masking=masking)) / near_v)
+
+    near_v, near_l = np.cos(v), np.cos(l)
+    slopes = [
+        abs(log_response(near_v * (1 + 1e-6 * i), near_l * (1 + 1e-6 * j)) - log_response(near_v, near_l))
+        / (1e-6 * (near_v if i else near_l))
+        for i, j in ((1, 0), (0, 1))
+    ]
+    needed = NEAR_COSINE_MAX * slopes[1] + (NEAR_COSINE_MAX + VIEW_MAX) * slopes[0]
+    assert at(v, l, alpha, masking) >= needed + lobe_bounds(alpha, "ggx").max_rel[0]
 
 
 def test_the_percentile_is_numpy_s_own_whatever_the_values():

@@ -22,7 +22,7 @@ from surface_lobes import (
     with_our_departures,
 )
 
-from mrm_nodes.regression.compare import FLOOR, bounds_for, grazing_factor, relative_error
+from mrm_nodes.regression.compare import FLOOR, direction_bounds, fresnel_bounds
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.surfaces import Surface, known_surfaces
 
@@ -67,48 +67,29 @@ def test_weight_zero_is_materialx_own_surface_but_for_our_departures(
 
 
 @by_surface
-def test_weight_zero_is_materialx_own_surface_where_its_fresnel_is_right(surface: Surface) -> None:
-    rng = np.random.default_rng(5)
-    own, ours = shader_of(surface.node), shader_of(surface.name)
-    clamped = with_our_departures(own)
-    compared = 0
-    for _ in range(SETS):
-        values = random_values(surface.node, rng)
-        points = random_points(rng, POINTS, roughness_of(values) ** 2)
-        image = draw(ours, points, values | {surface.input: 0.0})[points.lit]
-        original = draw(own, points, values)[points.lit]
-        is_physical = relative(draw(clamped, points, values)[points.lit], original) <= 1e-6
-        is_compared = is_physical & (points.half_cosine[points.lit] > 0.1)
-        assert relative(image, original)[is_compared].max(initial=0.0) <= bound(values), values
-        compared += int(is_compared.sum())
-    assert compared > 0.3 * SETS * POINTS
-
-
-@by_surface
-@pytest.mark.parametrize("film", [False, True], ids=["bare", "film"])
+@pytest.mark.parametrize("points_of", [random_points, opposite_points], ids=["random", "opposite"])
 @pytest.mark.parametrize("metal", [False, True], ids=["dielectric", "metal"])
-def test_where_weight_zero_is_not_materialx_own_it_is_nearer_to_the_evaluator(
-    surface: Surface, metal: bool, film: bool
+def test_weight_zero_is_nearer_to_the_evaluator_than_materialx_own(
+    surface: Surface, metal: bool, points_of: Callable[..., Points]
 ) -> None:
-    """With light and view nearly opposite, MaterialX's Fresnel loses its digits; a lobe without it is common."""
+    """In the mean and, but for rounding, at most; they differ by no more than these errors, as if independent."""
     rng = np.random.default_rng(3)
-    own, ours, lobe = shader_of(surface.node), shader_of(surface.name), shader_of("mrm_gltf_pbr")
-    differing = 0
+    own, ours = shader_of(surface.node), shader_of(surface.name)
+    errors = []
     for _ in range(6):
-        values = only_base_specular(surface, random_values(surface.node, rng), metal, film)
-        points = opposite_points(rng, 512, roughness_of(values) ** 2)
+        values = only_base_specular(surface, random_values(surface.node, rng), metal, film=False)
+        points = points_of(rng, 512, roughness_of(values) ** 2)
         v, l = points.v[points.lit], points.l[points.lit]  # noqa: E741  the field's own name
-        specular = base_specular(surface, values, 0.0)
-        white = {"base_color": np.ones(3), "metallic": 1.0, "roughness": roughness_of(values)}
-        common = draw(lobe, points, white)[points.lit]
-        fresnel = specular.bsdf.eval(v, l) / specular.white.eval(v, l)
-        theirs = draw(own, points, values)[points.lit] / common
-        mine = draw(ours, points, values | {surface.input: 0.0})[points.lit] / common
-        is_differing = (np.abs(mine - theirs) > 1e-6 * np.abs(theirs)) & (common > 1e-4)
-        my_error, their_error = (np.abs(factor - fresnel)[is_differing] for factor in (mine, theirs))
-        assert (my_error <= np.maximum(their_error, 1e-5 if film else 1e-6)).all(), values
-        differing += int(is_differing.sum())
-    assert differing > 100
+        expected = base_specular(surface, values, 0.0).bsdf.eval(v, l) * l[:, 2:]
+        # A tint at 82 degrees can make MaterialX's Fresnel factor negative; ours is clamped.
+        theirs = np.maximum(draw(own, points, values)[points.lit], 0.0)
+        mine = draw(ours, points, values | {surface.input: 0.0})[points.lit]
+        size = np.maximum(expected, FLOOR)
+        errors.append([np.abs(each) / size for each in (mine - expected, theirs - expected, mine - theirs)])
+    mine, theirs, difference = (np.concatenate([each[i] for each in errors]) for i in range(3))
+    assert mine.mean() < theirs.mean() and mine.max() <= theirs.max() + 1e-6
+    assert difference.mean() <= np.hypot(theirs.mean(), mine.mean())
+    assert difference.max() <= theirs.max() + mine.max()
 
 
 @by_surface
@@ -126,15 +107,11 @@ def test_the_base_specular_is_the_model(surface: Surface, metal: bool, film: boo
         specular = base_specular(surface, values, weight)
         v, l = points.v[points.lit], points.l[points.lit]  # noqa: E741  the field's own name
         expected = specular.bsdf.eval(v, l) * l[:, 2:]
-        bounds = bounds_for(
-            specular.alpha,
-            "ggx",
-            expected,
-            expected * grazing_factor(v, l),
-            specular.white.eval(v, l) * l[:, 2:],
-            film,
-        )
-        worst = (relative_error(image, expected) / bounds.max_rel).max()
+        white = specular.white.eval(v, l) * l[:, 2:]
+        roughness = np.broadcast_to(specular.alpha, (len(v), 2))
+        allowed = direction_bounds(roughness, "ggx", "smith", v, l).max_rel * np.abs(expected)
+        allowed = allowed + fresnel_bounds(film).max_rel * white
+        worst = (np.abs(image - expected) / np.maximum(allowed, FLOOR * 2e-5)).max()
         assert worst <= 1.0, (worst, weight, values)
 
 

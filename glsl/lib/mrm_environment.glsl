@@ -47,7 +47,7 @@ vec3 mrm_environment_radiance(vec3 N, vec3 V, vec3 X, float retro, FresnelData f
             Li = Li + retro * mx_latlong_map_lookup(up - across, identity, lod, $envRadiance);
         }
 
-        vec3 FH = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
+        vec3 FH = mrm_fresnel(VdotH, fd);
         Lt.z = max(Lt.z, M_FLOAT_EPS);
         float G = mrm_is_vcavity(lobe) ? mrm_vcavity(Vt.z, Lt.z, Ht.z, VdotH) : 2.0 / (smithV + mrm_smith(Lt, lobe));
         if (lobe.distribution != MRM_GGX)

@@ -152,10 +152,18 @@ vec2 mrm_directional_albedo(float NdotV, MrmLobe lobe)
     return clamp(r.xy / r.zw, 0.0, 1.0);
 }
 
+// Fresnel reflectance, which the 82 degree tint of MaterialX's can make negative.
+vec3 mrm_fresnel(float cosine, FresnelData fd)
+{
+    // Where a film lies on a Schlick curve with the exponent 0, its pow(0, 0) is undefined.
+    bool isConstant = fd.airy && fd.model == FRESNEL_MODEL_SCHLICK && fd.exponent == 0.0;
+    return clamp(mx_compute_fresnel(isConstant ? min(cosine, 0.999999) : cosine, fd), 0.0, 1.0);
+}
+
 // Fresnel reflectance at normal and at grazing incidence, for what the host computes from these two alone.
 vec3 mrm_f0(FresnelData fd)
 {
-    return mx_compute_fresnel(1.0, fd);
+    return mrm_fresnel(1.0, fd);
 }
 
 vec3 mrm_f90(FresnelData fd)
@@ -175,18 +183,20 @@ vec3 mrm_energy_compensation(vec3 F, FresnelData fd, float E)
     return vec3(1.0) + F * ((1.0 - E) / E);
 }
 
-// The microfacet BSDF of one direction pair in direct light, the light's cosine included; its compensation comes out too.
+// The microfacet BSDF of one lobe in direct light, the light's cosine included; its compensation comes out too.
+// sum, difference: in the shading frame, of the light and the view that the lobe sees: the view itself, or its mirror.
 // scale: G / (4 N.V), or that without V-cavity masking.
-vec3 mrm_reflection(vec3 V, vec3 L, vec3 N, vec3 X, vec3 Y, float NdotV, float NdotL, float scale, float E, FresnelData fd, MrmLobe lobe, inout vec3 compensation)
+vec3 mrm_reflection(vec3 sum, vec3 difference, float NdotV, float NdotL, float scale, float E, FresnelData fd, MrmLobe lobe, inout vec3 compensation)
 {
-    vec3 H = normalize(L + V);
-    // The half-angle's cosine is dot(V, H) and half the length of L + V. Where they are nearly opposite H has lost
-    // its digits and the length has not; elsewhere Fresnel keeps MaterialX's expression.
-    float halfCosine = max(0.5 * length(L + V), M_FLOAT_EPS);
-    float VdotH = clamp(halfCosine < 0.1 ? halfCosine : dot(V, H), M_FLOAT_EPS, 1.0);
-    vec3 Ht = vec3(dot(H, X), dot(H, Y), dot(H, N));
+    // Of unit vectors they are perpendicular. What rounding left of their lengths would turn the half vector of two
+    // that are nearly opposite; where they are not, it does not matter.
+    sum = sum - difference * (dot(sum, difference) / max(dot(difference, difference), 1.0));
+    float size = max(length(sum), 2.0 * M_FLOAT_EPS);
+    vec3 Ht = sum / size;
+    // The cosine of the half angle, without the rounding of a product with the half vector.
+    float VdotH = min(0.5 * size, 1.0);
 
-    vec3 F = clamp(mx_compute_fresnel(VdotH, fd), 0.0, 1.0);
+    vec3 F = mrm_fresnel(VdotH, fd);
     compensation = mrm_energy_compensation(F, fd, E);
     if (mrm_is_vcavity(lobe))
     {
@@ -206,11 +216,8 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
     vec3 L = closureData.L;
     float retro = clamp(retroreflectivity, 0.0, 1.0);
 
-    // The virtual mirror: [MRM] eq. 3. It does not depend on the side that N points to.
-    vec3 Vr = reflect(-V, N);
     N = mx_forward_facing_normal(N, V);
-    // The same for both lobes but for rounding: that of the larger share.
-    float NdotV = clamp(dot(N, retro > 0.5 ? Vr : V), M_FLOAT_EPS, 1.0);
+    float NdotV = clamp(dot(N, V), M_FLOAT_EPS, 1.0);
 
     if (closureData.closureType == CLOSURE_TYPE_REFLECTION)
     {
@@ -224,21 +231,28 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
         vec3 Lt = vec3(dot(L, X), dot(L, Y), NdotL);
         float scale = (mrm_is_vcavity(lobe) ? 1.0 : 2.0 / (mrm_smith(Vt, lobe) + mrm_smith(Lt, lobe))) / (4.0 * NdotV);
 
-        vec3 forward = vec3(0.0);
-        vec3 forwardCompensation = vec3(1.0);
-        if (retro < 1.0)
+        // Added up before they are turned into the frame, L and V keep the digits that they do not share.
+        vec3 S = L + V;
+        vec3 D = L - V;
+        vec3 sum = vec3(dot(S, X), dot(S, Y), dot(S, N));
+        vec3 difference = vec3(dot(D, X), dot(D, Y), dot(D, N));
+        // The virtual mirror of V, [MRM] eq. 3, is (-x, -y, z) of it: its sum with L has this difference's x and y.
+        vec3 retroSum = vec3(difference.xy, sum.z);
+        vec3 retroDifference = vec3(sum.xy, difference.z);
+
+        compensation = vec3(0.0);
+        response = vec3(0.0);
+        // A loop, not two branches: software GL runs both sides of a branch.
+        int last = retro > 0.0 ? 1 : 0;
+        for (int i = retro < 1.0 ? 0 : 1; i <= last; i++)
         {
-            forward = mrm_reflection(V, L, N, X, Y, NdotV, NdotL, scale, E, fd, lobe, forwardCompensation);
+            float share = i == 0 ? 1.0 - retro : retro;
+            vec3 ofLobe = vec3(1.0);
+            response = response + share * mrm_reflection(i == 0 ? sum : retroSum, i == 0 ? difference : retroDifference, NdotV, NdotL, scale, E, fd, lobe, ofLobe);
+            compensation = compensation + share * ofLobe;
         }
-        vec3 back = vec3(0.0);
-        vec3 backCompensation = vec3(1.0);
-        if (retro > 0.0)
-        {
-            back = mrm_reflection(Vr, L, N, X, Y, NdotV, NdotL, scale, E, fd, lobe, backCompensation);
-        }
-        compensation = (1.0 - retro) * forwardCompensation + retro * backCompensation;
         // Nothing comes from below the horizon, where MaterialX's clamp leaks a little.
-        response = dot(N, L) > 0.0 ? ((1.0 - retro) * forward + retro * back) * closureData.occlusion : vec3(0.0);
+        response = dot(N, L) > 0.0 ? response * closureData.occlusion : vec3(0.0);
     }
     else
     {
@@ -248,7 +262,7 @@ void mrm_microfacet(ClosureData closureData, FresnelData fd, MrmLobe lobe, float
         lobe.distribution = MRM_GGX;
         lobe.masking = MRM_SMITH;
 #endif
-        vec3 F = clamp(mx_compute_fresnel(NdotV, fd), 0.0, 1.0);
+        vec3 F = mrm_fresnel(NdotV, fd);
         AB = mrm_directional_albedo(NdotV, lobe);
         compensation = mrm_energy_compensation(F, fd, AB.x + AB.y);
 

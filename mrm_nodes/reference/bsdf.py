@@ -28,6 +28,7 @@ from .checks import (
     colour,
     directions,
     first,
+    numbers,
     pair,
     scalar,
 )
@@ -251,6 +252,18 @@ class Lobe:
         if rejected:
             check_unit("v", view)
         return parts
+
+    def reflectance(self, cosine: ArrayLike) -> Array:
+        """Fresnel reflectance from outside, its film's where it has one: shape (..., 3).
+
+        Args:
+            cosine: (...), of the half angle, in [0, 1].
+
+        Raises:
+            ValueError: a cosine outside its range, or shapes that do not broadcast.
+        """
+        at = numbers("cosine", cosine, 0.0, 1.0)[..., np.newaxis]
+        return self._reflectance(at, energy.NONE)
 
     def _reflectance(self, cosine: Array, scheme: int) -> Array:
         """RGB reflectance from outside at cosines of shape (..., 1)."""

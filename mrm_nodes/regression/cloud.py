@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.regression import material
-from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, bounds_for, compare, relative_error
+from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, compare, relative_error
 from mrm_nodes.regression.outcome import Outcome, timed
-from mrm_nodes.regression.reference_image import evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.physics import shade_node
+from mrm_nodes.regression.reference_image import evaluator, shading_frame
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.scene import Camera, DirectionalLight
 
@@ -28,9 +29,12 @@ Array = NDArray[np.float64]
 
 CHUNK = 1 << 16
 """Configurations a draw: bounds the memory, and each draw has its own light."""
-DECADES = ((1e-3, 1e-2), (1e-2, 1e-1), (1e-1, 1.0))
+DECADES = ((1e-4, 1e-3), (1e-3, 1e-2), (1e-2, 1e-1), (1e-1, 1.0))
 """Of the smaller alpha; configurations are spread evenly over them."""
-MAP_ALPHAS, MAP_ANGLES = 18, 18
+GRAZING = 1e-5
+"""The smallest cosine of a view or a light with the surface: half of the views, and of the lights that do not come
+from the lobe, are spread evenly over the decades from here to 1."""
+MAP_ALPHAS, MAP_ANGLES = 24, 18
 """Cells of a cloud's maps: six to each decade of alpha, and each five degrees."""
 MOST_USED = 1e9
 """What a map says of an error that is not finite, or larger."""
@@ -112,13 +116,14 @@ class CloudResult:
 def random_inputs(node: str, rng: np.random.Generator, n: int) -> dict[str, Array]:
     """Random values of every varying input of a node, `(n,)`, `(n, 2)` or `(n, 3)`, rounded to float32.
 
-    The smaller alpha is spread evenly over the decades; half of the lobes are anisotropic, a quarter have a
-    thin film, a third each are purely forward and purely retro.
+    The smaller alpha is spread evenly over the decades; half of the lobes are anisotropic, up to 100 to 1, a quarter
+    have a thin film, a third each are purely forward and purely retro; every tenth exponent is 0, and every tenth
+    extinction.
     """
     decade = rng.integers(len(DECADES), size=n)
     low, high = np.log10(DECADES).T
     alpha = 10 ** rng.uniform(low[decade], high[decade])
-    other = np.where(rng.random(n) < 0.5, alpha, np.minimum(alpha * 10 ** rng.random(n), 1.0))
+    other = np.where(rng.random(n) < 0.5, alpha, np.minimum(alpha * 100 ** rng.random(n), 1.0))
     turned = rng.random(n) < 0.5
     kind = rng.integers(3, size=n)
     film = rng.random(n) < 0.25
@@ -127,35 +132,38 @@ def random_inputs(node: str, rng: np.random.Generator, n: int) -> dict[str, Arra
         "color0": (0.0, 1.0),
         "color82": (0.0, 1.0),
         "color90": (0.0, 1.0),
-        "exponent": (1.0, 8.0),
-        "extinction": (0.5, 6.0),
-        "ior": (0.1, 4.0) if node == "mrm_conductor_bsdf" else (1.1, 3.0),
+        "exponent": (0.0, 10.0),
+        "extinction": (0.0, 6.0),
+        "ior": (0.1, 4.0) if node == "mrm_conductor_bsdf" else (0.3, 3.0),
     }
     values: dict[str, Array] = {
         "weight": np.where(rng.random(n) < 0.5, 1.0, rng.random(n)),
         "roughness": np.where(turned[:, None], np.stack([other, alpha], -1), np.stack([alpha, other], -1)),
         "retroreflectivity": np.choose(kind, [np.zeros(n), np.ones(n), rng.random(n)]),
         "thinfilm_thickness": np.where(film, rng.uniform(50.0, 1000.0, n), 0.0),
-        "thinfilm_ior": rng.uniform(1.1, 2.0, n),
+        "thinfilm_ior": rng.uniform(1.0, 2.0, n),
     }
     for name, spec in material.inputs_of(node).items():
         if spec.varying and name in ranges:
             values[name] = rng.uniform(*ranges[name], size=(n, 3) if spec.type == "color3" else n)
+        if name in ("exponent", "extinction"):
+            values[name] = np.where(rng.random(values[name].shape) < 0.1, 0.0, values[name])
     return {name: material.as_float32(value) for name, value in values.items()}
 
 
 def random_directions(bsdf: Any, rng: np.random.Generator, n: int) -> tuple[Array, Array, NDArray[np.int64]]:
     """View and light `(n, 3)` in the shading frame, and where each light comes from.
 
-    The view's cosine is even over (0, 1]; lights lie on both sides of the horizon.
+    The view's cosine is even over (0, 1] in one half, over its decades from `GRAZING` in the other; lights lie on both
+    sides of the horizon.
     """
-    v = _on_sphere(rng, n)
+    v = _grazing(rng, _on_sphere(rng, n))
     v[:, 2] = np.abs(v[:, 2])
     kind = rng.choice(3, size=n, p=LIGHT_SHARES)
     drawn = np.asarray(bsdf.sample(v, rng.random((n, 3))).l)
     drawn = np.where(np.isfinite(drawn).all(-1, keepdims=True), drawn, v)
-    light = np.where((kind == LOBE)[:, None], drawn, _on_sphere(rng, n))
-    light /= np.linalg.norm(light, axis=-1, keepdims=True)
+    light = np.where((kind == LOBE)[:, None], drawn, _grazing(rng, _on_sphere(rng, n)))
+    light = _at_height(light, np.copysign(np.maximum(np.abs(light[:, 2]), GRAZING), light[:, 2]))
     return v, np.where((kind == SAME)[:, None], v, light), kind
 
 
@@ -231,12 +239,10 @@ def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, NDAr
         render_seconds = time.perf_counter() - start_of_draw
         lights = [lamp.data(Camera(position=tuple(eye), target=tuple(eye + 1.0)))]
         view, frame = shading_frame(drawn["position"], drawn["normal"], drawn["tangent"], eye)
-        points = view, frame, drawn["position"], lights
-        reference, grazing = shade(bsdf, inputs["weight"], *points)
-        white, _ = shade(white_evaluator(values), inputs["weight"], *points)
+        position = drawn["position"].astype(np.float64)
+        reference, bounds = shade_node(cloud.node, values, view, frame, position, lights)
         film = inputs["thinfilm_thickness"] > 0
         alpha = np.min(inputs["roughness"], axis=-1)
-        bounds = bounds_for(alpha, cloud.distribution, reference, grazing, white, film)
         yield {
             "render_seconds": np.array([render_seconds]),
             "alpha": alpha,
@@ -279,6 +285,62 @@ def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
             "above_floor": int(np.sum((points["reference"] > FLOOR).any(-1))),
         },
     )
+
+
+@dataclass(frozen=True)
+class Decade:
+    """What the configurations of one decade showed, of the smaller alpha or of a cosine."""
+
+    configurations: int = 0
+    not_finite: int = 0
+    over: int = 0
+    """Configurations with a value over its bound."""
+    most: float = 0.0
+    """The largest share of its bound."""
+    unusual: int = 0
+    """Configurations with a value over the bound that 99.9 % of the values keep."""
+
+    def joined(self, other: Decade) -> Decade:
+        """Of both."""
+        return Decade(
+            self.configurations + other.configurations,
+            self.not_finite + other.not_finite,
+            self.over + other.over,
+            max(self.most, other.most),
+            self.unusual + other.unusual,
+        )
+
+
+COSINES = tuple((10.0**power, 10.0 ** (power + 1)) for power in range(-5, 0))
+
+
+def tally(cloud: Cloud, renderer: Any, shader: Any) -> dict[tuple[str, float], Decade]:
+    """A cloud of any size, by decade of `alpha`, `n.v` and `n.l` (lights above the horizon), each by its lower end; in
+    bounded memory. Arguments as of `run_cloud`.
+    """
+    found: dict[tuple[str, float], Decade] = {}
+    for points in _chunks(cloud, renderer, shader):
+        finite = np.isfinite(points["image"]).all(-1)
+        error = np.where(finite[:, None], relative_error(points["image"], points["reference"]), np.inf)
+        used, usual = ((error / points[f"{name}_bound"]).max(-1) for name in ("max", "p999"))
+        for axis, value, decades in (
+            ("alpha", points["alpha"], DECADES),
+            ("n.v", points["view"][:, 2], COSINES),
+            ("n.l", points["light"][:, 2], COSINES),
+        ):
+            # The directions are float32's: a cosine of 1e-5 may be a little less.
+            which = np.searchsorted([low for low, _ in decades[1:]], value, side="right")
+            for index, (low, _) in enumerate(decades):
+                inside = (which == index) & (value > 0.9 * decades[0][0])
+                part = Decade(
+                    int(inside.sum()),
+                    int((~finite[inside]).sum()),
+                    int((used[inside] > 1).sum()),
+                    float(used[inside].max(initial=0.0)),
+                    int((usual[inside] > 1).sum()),
+                )
+                found[axis, low] = found.get((axis, low), Decade()).joined(part)
+    return found
 
 
 def _configuration(points: dict[str, NDArray[Any]], used: Array, index: int) -> dict[str, Any]:
@@ -341,6 +403,21 @@ def _by_decade(points: dict[str, NDArray[Any]], error: Array) -> Iterator[dict[s
                     np.quantile(values / points["p999_bound"][inside], 0.999, method="higher")
                 ),
             }
+
+
+def _grazing(rng: np.random.Generator, direction: Array) -> Array:
+    """Directions of which every other has a cosine that is spread over the decades from `GRAZING`."""
+    n = len(direction)
+    cosine = GRAZING ** rng.random(n)
+    cosine = np.where(rng.random(n) < 0.5, np.copysign(cosine, direction[:, 2]), direction[:, 2])
+    return _at_height(direction, np.copysign(np.maximum(np.abs(cosine), GRAZING), cosine))
+
+
+def _at_height(direction: Array, z: Array) -> Array:
+    """Directions `(n, 3)` turned to another cosine with the normal; the normal itself stays."""
+    across = np.linalg.norm(direction[:, :2], axis=-1, keepdims=True)
+    turned = direction[:, :2] * np.sqrt(1.0 - z * z)[:, None] / np.maximum(across, 1e-300)
+    return np.where(across > 0, np.concatenate([turned, z[:, None]], -1), direction)
 
 
 def _on_sphere(rng: np.random.Generator, n: int) -> Array:

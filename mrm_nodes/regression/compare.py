@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.errors import MrmError
 
+Array = NDArray[np.float64]
 Verdict = Literal["pass", "fail", "undecided", "error", "skipped"]
 VERDICTS: tuple[Verdict, ...] = ("fail", "error", "undecided", "skipped", "pass")
 
@@ -28,18 +29,29 @@ FRESNEL_MAX = 1e-6
 FRESNEL_P999 = 3e-7
 """The same without a film: the 82 degree tint subtracts, and an index near 1 leaves only rounding."""
 
+UNIT = 2.0**-24
+"""Half a unit in the last place of a float32 below 1: one rounding."""
+
 HALF_COSINE_MAX, HALF_COSINE_P999 = 7e-7, 4e-7
-"""Error of the half angle's cosine, of which the Fresnel factor is taken. The virtual mirror of the view has six
+"""Error of the half angle's cosine, of which the Fresnel factor is taken. MaterialX's mirror of the view has six
 roundings a component (a sum of three products, its double, a difference), the half vector two, the products one, their
-sum two and a half: 11.5 of 2^-24 at most, and 6.6 in 999 of 1000 sums of as many uniform errors."""
+sum two and a half: 11.5 of 2^-24 at most, and 6.6 in 999 of 1000 sums of as many uniform errors. Ours is no worse."""
 
-HALF_ANGLE = 0.06
-"""Cosine of the half angle below which the bounds grow as HALF_ANGLE / cosine: of two nearly opposite directions the
-half vector keeps their rounding over the length of their sum."""
+VIEW_MAX, VIEW_P999 = 2 * UNIT, 1.4 * UNIT
+"""Error of the view across itself: the host rounds a difference and a quotient in each component. The half vector of
+two directions has it over the length of their sum, twice the cosine of the half angle."""
 
-LIGHT_COSINE = 0.005
-"""Cosine of the light below which the bounds grow as LIGHT_COSINE / cosine: the response is proportional to it, and
-it is a sum of products rounded to float32."""
+NEAR_COSINE_MAX, NEAR_COSINE_P999 = 3 * UNIT, 2 * UNIT
+"""Error of n.l: three products with a normal that is rounded, and the first of two sums. That of n.v has
+`VIEW_MAX` more."""
+
+SUM_COSINE_MAX, SUM_COSINE_P999 = 8 * UNIT, 4 * UNIT
+"""Error of n.l + n.v where the sum of both directions is long and grazing, as that of the retro lobe: four roundings of
+products of which two add up to at most 2. By it the half vector leans to the normal, or from it."""
+
+MATERIALX_HALF_ANGLE = 0.06
+"""Cosine of the half angle below which the bounds of MaterialX's own nodes grow as this over it: their half vector has
+the errors of both lengths, too."""
 
 OTHER_DISTRIBUTIONS = 5.0
 """Beckmann and Phong are exponentials: their bounds are this many times GGX's."""
@@ -49,8 +61,9 @@ HALF_VECTOR_P999 = 1e-6
 """Error of the half vector's slope, tangent of its angle to the normal. GGX is 1/(t² + alpha²)² in a slope t, whose
 logarithm changes by 4 t/(t² + alpha²), at most 2/alpha: to first order the bound of a lobe is twice this by alpha."""
 
-NARROW = 1e-3
-"""Alpha below which that first order is not enough: the error is a part of the lobe's own width."""
+NARROW = 2.5e-3
+"""Part of its alpha from which on an error of the slope is a part of the lobe's own width, and that first order is not
+enough."""
 
 NOTICED = 0.1
 """A relative fault of every value that a verdict has to notice: a case that would not is undecided, never pass."""
@@ -66,8 +79,8 @@ class Bounds:
     Scalars, or arrays `(n, 1)` or `(n, 3)` where the bound differs from point to point.
     """
 
-    max_rel: NDArray[np.float64]
-    p999_rel: NDArray[np.float64]
+    max_rel: Array
+    p999_rel: Array
 
     def loosest(self) -> dict[str, float]:
         """The largest of each, as the report gives them."""
@@ -106,35 +119,6 @@ def finite_or_none(value: float | None) -> float | None:
     return value if value is not None and np.isfinite(value) else None
 
 
-def bounds_for(
-    alpha: ArrayLike,
-    distribution: str,
-    reference: ArrayLike,
-    grazing: ArrayLike,
-    white: ArrayLike,
-    film: ArrayLike,
-) -> Bounds:
-    """The bounds of n points of one lobe.
-
-    Args:
-        alpha: the smaller roughness, `(n,)` or a scalar.
-        distribution: its name.
-        reference: `(n, 3)`.
-        grazing: `(n, 3)`, the reference with each light's part multiplied by `grazing_factor`.
-        white: `(n, 3)`, the reference for a Fresnel factor of 1: it turns the bound on that factor into
-            one on the image.
-        film: whether there is a thin film, `(n,)` or a scalar.
-    """
-    size = np.maximum(np.abs(np.asarray(reference, np.float64)), FLOOR)
-    stretch = np.maximum(np.abs(np.asarray(grazing)) / size, 1.0)
-    per_fresnel = np.asarray(white) / size
-    lobe, fresnel = lobe_bounds(alpha, distribution), fresnel_bounds(film)
-    return Bounds(
-        stretch * lobe.max_rel + fresnel.max_rel * per_fresnel,
-        stretch * lobe.p999_rel + fresnel.p999_rel * per_fresnel,
-    )
-
-
 def lobe_bounds(alpha: ArrayLike, distribution: str) -> Bounds:
     """The relative error of a lobe but for its Fresnel factor, for directions that do not graze, `(n, 1)`."""
     alpha = np.asarray(alpha, np.float64)[..., None]
@@ -151,66 +135,108 @@ def fresnel_bounds(film: ArrayLike) -> Bounds:
     return Bounds(np.where(film, FILM_MAX, FRESNEL_MAX), np.where(film, FILM_P999, FRESNEL_P999))
 
 
-def narrow_bounds(
-    alpha: ArrayLike,
+def direction_bounds(
+    roughness: ArrayLike,
     distribution: str,
+    masking: str,
     v: ArrayLike,
-    l: ArrayLike,  # noqa: E741  the field's own name
-    growth: ArrayLike,
+    l: ArrayLike,  # noqa: E741
+    of_light: float = 0.0,
+    materialx: bool = False,
 ) -> Bounds:
-    """By how much a lobe may exceed its value beyond the first order where the half vector's error is a part of its
-    width, relative, `(n, 1)`: its value for a slope that is smaller by that error, over its value.
+    """The relative error of a lobe but for its Fresnel factor, for directions `(n, 3)` in its frame, `(n, 1)`.
 
     Args:
-        alpha: the smaller roughness, `(n,)` or a scalar.
-        distribution: its name; any but GGX is an exponential of the slope's square.
-        v, l: `(n, 3)`, in its frame; of the forward and the retro lobe's slopes the smaller counts.
-        growth: of the half vector's error, `(n, 1)` or a scalar.
+        roughness: both alphas, `(n, 2)` or `(2,)`.
+        distribution, masking: their names.
+        v, l: `(n, 3)`, from the surface; the light above the horizon, else nothing is lit.
+        of_light: error of the light's direction, each way, beyond that of one that is given.
+        materialx: whether the lobe is MaterialX's own node, whose half vector keeps fewer digits.
     """
-    alpha = np.asarray(alpha, np.float64)[..., None]
-    v, l = np.asarray(v, np.float64), np.asarray(l, np.float64)  # noqa: E741
-    across = np.minimum(
-        np.sum((l[..., :2] + v[..., :2]) ** 2, axis=-1, keepdims=True),
-        np.sum((l[..., :2] - v[..., :2]) ** 2, axis=-1, keepdims=True),
+    roughness, v, l = (np.asarray(each, np.float64) for each in (roughness, v, l))  # noqa: E741
+    alpha = np.min(roughness, axis=-1)[..., None]
+    of_lobe = lobe_bounds(alpha[..., 0], distribution)
+    up = np.maximum(np.abs(v[..., 2:] + l[..., 2:]), 1e-12)
+    along, against = (
+        np.linalg.norm(l[..., :2] + sign * v[..., :2], axis=-1, keepdims=True) for sign in (1.0, -1.0)
     )
-    slope = np.sqrt(across) / np.maximum(np.abs(v[..., 2:] + l[..., 2:]), 1e-12)
+    forward, retro = np.hypot(along, up), np.hypot(against, up)
+    to_view, to_light = _masking_slopes(roughness, distribution, masking, v, l, np.minimum(forward, retro))
 
-    def beyond(error: float) -> NDArray[np.float64]:
-        nearer = np.maximum(slope - error * np.asarray(growth), 0.0)
-        if distribution == "ggx":
-            excess = ((slope**2 + alpha**2) / (nearer**2 + alpha**2)) ** 2 - 1
-        else:
-            # An exponential of more is no number any longer, and its value none but 0.
-            excess = np.expm1(np.minimum((slope**2 - nearer**2) / alpha**2, 600.0))
-        return np.where(alpha < NARROW, excess, 0.0)
+    def allowed(relative: Array, error: float, of_view: float, of_cosine: float, of_sum: float) -> Array:
+        """By the error of the half vector itself, of the view across it, and of both cosines."""
+        own, beyond = relative, np.zeros(1)
+        for size, tangent, leaning in (
+            (forward, along / up, 0.0),
+            (retro, against / up, of_sum * forward * against / (2.0 * retro)),
+        ):
+            turned = error + (of_view + of_light + leaning) / size
+            if materialx:
+                turned = np.maximum(turned, error * 2.0 * MATERIALX_HALF_ANGLE / size)
+            own = np.maximum(own, relative + _factor(distribution) * 2.0 * (turned - error) / alpha)
+            beyond = np.maximum(beyond, _narrow_excess(alpha, distribution, tangent, turned))
+        return own + beyond + to_view * (of_cosine + of_view) + to_light * (of_cosine + of_light)
 
-    return Bounds(beyond(HALF_VECTOR_MAX), beyond(HALF_VECTOR_P999))
+    return Bounds(
+        allowed(of_lobe.max_rel, HALF_VECTOR_MAX, VIEW_MAX, NEAR_COSINE_MAX, SUM_COSINE_MAX),
+        allowed(of_lobe.p999_rel, HALF_VECTOR_P999, VIEW_P999, NEAR_COSINE_P999, SUM_COSINE_P999),
+    )
 
 
-def grazing_factor(v: ArrayLike, l: ArrayLike) -> NDArray[np.float64]:  # noqa: E741  the field's own name
-    """How much the bounds grow for a view and a light, `(n, 3)` in the shading frame, `(n, 1)`: 1 unless grazing.
+def _factor(distribution: str) -> float:
+    return 1.0 if distribution == "ggx" else OTHER_DISTRIBUTIONS
 
-    The half angle is the smaller of the forward and the retro lobe's.
+
+def _narrow_excess(alpha: Array, distribution: str, slope: Array, error: Array) -> Array:
+    """By how much a lobe may exceed its value beyond the first order where the half vector's error is a part of its
+    width, relative, `(n, 1)`: its value for a slope that is smaller by that error, over its value.
     """
-    v, l = np.asarray(v, np.float64), np.asarray(l, np.float64)  # noqa: E741
-    across = np.abs(np.sum(v[..., :2] * l[..., :2], axis=-1, keepdims=True))
-    half_cosine = np.sqrt(np.maximum(1 - across + v[..., 2:] * l[..., 2:], 0) / 2)
-    growth: NDArray[np.float64] = np.maximum(
-        HALF_ANGLE / np.maximum(half_cosine, 1e-12), LIGHT_COSINE / np.maximum(l[..., 2:], 1e-12)
-    )
-    return np.maximum(growth, 1.0)
+    nearer = np.maximum(slope - error, 0.0)
+    if distribution == "ggx":
+        excess = ((slope**2 + alpha**2) / (nearer**2 + alpha**2)) ** 2 - 1
+    else:
+        # An exponential of more is no float32 any longer, and its value none but 0.
+        excess = np.expm1(np.minimum((slope**2 - nearer**2) / alpha**2, 80.0))
+    return np.where(error > NARROW * alpha, excess, 0.0)
 
 
-def relative_error(image: ArrayLike, reference: ArrayLike) -> NDArray[np.float64]:
+def _masking_slopes(
+    roughness: Array,
+    distribution: str,
+    masking: str,
+    v: Array,
+    l: Array,  # noqa: E741
+    size: Array,
+) -> tuple[Array, Array]:
+    """By how much the logarithm of G / n.v changes with n.v and with n.l, at most, each `(n, 1)`.
+
+    size: length of the sum of both directions, the smaller one of the two lobes.
+    """
+    near_v, near_l = (np.maximum(each[..., 2:], NEAR_COSINE_MAX) for each in (v, l))
+    if masking == "vcavity" or distribution == "phong":
+        # min(1 / n.v, 2 n.h / v.h) where the view is the lower one, else that times n.l / n.v; n.h / v.h is
+        # 2 (n.l + n.v) / size².
+        both = 1.0 / (near_v + near_l)
+        cavity = np.maximum(both, np.minimum(1.0 / near_v, 4.0 / (both * size**2)))
+        lower = near_v < near_l
+        return np.where(lower, cavity, 1.0 / near_v + both), np.where(lower, both, 1.0 / near_l + both)
+    # n.l / (n.l g(v) + n.v g(l)), g(w)² = (n.w)² + (alpha sin)²: GGX's masking. Beckmann's changes less.
+    wide_v, wide_l = (np.sum((roughness * each[..., :2]) ** 2, axis=-1, keepdims=True) for each in (v, l))
+    g_v, g_l = np.sqrt(near_v**2 + wide_v), np.sqrt(near_l**2 + wide_l)
+    both = near_l * g_v + near_v * g_l
+    return (g_l + near_l * near_v / g_v) / both, near_v * wide_l / (g_l * near_l * both)
+
+
+def relative_error(image: ArrayLike, reference: ArrayLike) -> Array:
     """`|image - reference| / max(|reference|, 1e-4)` in float64, shape of the images."""
     with np.errstate(invalid="ignore"):
         difference = np.abs(np.subtract(image, reference, dtype=np.float64))
     return _relative(difference, np.asarray(reference, np.float64))
 
 
-def _relative(difference: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+def _relative(difference: Array, reference: Array) -> Array:
     with np.errstate(invalid="ignore"):
-        error: NDArray[np.float64] = difference / np.maximum(np.abs(reference), FLOOR)
+        error: Array = difference / np.maximum(np.abs(reference), FLOOR)
     return error
 
 
@@ -266,7 +292,7 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
     return ("pass" if notices <= NOTICED else "undecided"), figures
 
 
-def _notices(reference: NDArray[np.float64], bounds: Bounds) -> float:
+def _notices(reference: Array, bounds: Bounds) -> float:
     """The smallest fault, relative to every value, that breaks a bound, and at `NOTICED_SHARE` of the lit values."""
     values = np.abs(reference)
     lit = values > 0
@@ -294,7 +320,7 @@ def why_undecided(figures: Figures) -> str:
     )
 
 
-def quantile(values: NDArray[np.float64], share: float) -> float:
+def quantile(values: Array, share: float) -> float:
     """The value at `share` of the sorted values, which may be infinite: `np.quantile`'s method "higher"."""
     flat = np.ravel(values)
     above = flat.size - 1 - math.ceil((flat.size - 1) * share)

@@ -19,7 +19,6 @@ from mrm_nodes.regression.compare import (
     Bounds,
     Figures,
     Verdict,
-    bounds_for,
     compare,
     relative_error,
     why_undecided,
@@ -28,8 +27,9 @@ from mrm_nodes.regression.environment_reference import beside_integral, some_of
 from mrm_nodes.regression.image_sum import Surroundings
 from mrm_nodes.regression.material_case import as_text
 from mrm_nodes.regression.outcome import Outcome, timed
+from mrm_nodes.regression.physics import shade_node
 from mrm_nodes.regression.pictures import write_pictures
-from mrm_nodes.regression.reference_image import DiffuseBase, evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.reference_image import shading_frame
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.arithmetic import measure
 from mrm_nodes.render.environment import Environment
@@ -233,16 +233,8 @@ def reference_points(
 ) -> tuple[Array, Bounds]:
     """The reference of n points, `(n, 3)`, and the bounds on the image there."""
     view, frame = shading_frame(position, normal, tangent, camera.position)
-    points = view, frame, position, [light.data(camera) for light in case.lights]
-    bsdf = evaluator(case.node, values)
-    reference, grazing = shade(bsdf, values["weight"], *points)
-    white, _ = shade(white_evaluator(values), values["weight"], *points)
-    if case.base is not None:
-        base, _ = shade(DiffuseBase(bsdf, values["weight"], case.base), 1.0, *points)
-        reference = reference + base
-    alpha = np.clip(material.as_float32(values["roughness"]), 1e-8, 1.0).min(axis=-1)
-    film = np.asarray(values["thinfilm_thickness"]) > 0
-    return reference, bounds_for(alpha, values["distribution"], reference, grazing, white, film)
+    lights = [light.data(camera) for light in case.lights]
+    return shade_node(case.node, values, view, frame, np.asarray(position, np.float64), lights, case.base)
 
 
 def _spread(points: Array, mask: NDArray[np.bool_]) -> Array:

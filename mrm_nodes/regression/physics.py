@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.reference import diffuse, fresnel, layers
+from mrm_nodes.reference import diffuse, layers
 from mrm_nodes.reference.bsdf import BsdfSample
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
@@ -23,11 +23,13 @@ from mrm_nodes.regression.compare import (
     FLOOR,
     HALF_COSINE_MAX,
     HALF_COSINE_P999,
+    NEAR_COSINE_MAX,
+    NEAR_COSINE_P999,
+    UNIT,
     Bounds,
+    direction_bounds,
     fresnel_bounds,
-    grazing_factor,
     lobe_bounds,
-    narrow_bounds,
 )
 from mrm_nodes.regression.environment_reference import (
     Estimate,
@@ -39,7 +41,6 @@ from mrm_nodes.regression.image_sum import Surroundings, diffuse_sum, lobe_sum
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import (
     SMALLEST_ALPHA,
-    UNIT,
     LightData,
     evaluator,
     light_at,
@@ -87,26 +88,72 @@ def shade_tree(
     """
     placed = _Placed(points, resolve)
     view = _view(points)
-    reference, most, usual = (np.zeros(view.shape) for _ in range(3))
     try:
-        for light in lights:
-            direction, intensity = light_at(light, points.position)
-            errors = light_errors(light, points.position)
-            lit = functools.partial(_Judged.judge, v=view, l=direction, cosine=errors.cosine)
-            part = placed.judge(tree, view, lit)
-            reference += part.value * intensity
-            most += part.most * np.abs(intensity) + np.abs(part.value) * errors.most
-            usual += part.usual * np.abs(intensity) + np.abs(part.value) * errors.usual
-        if around is not None:
-            lit = functools.partial(_Judged.judge_around, v=view, around=around)
-            part = placed.judge(tree, view, lit)
-            reference, most, usual = reference + part.value, most + part.most, usual + part.usual
+
+        def part_of(direction: Array, cosine: float) -> _Part:
+            return placed.judge(
+                tree, view, functools.partial(_Judged.judge, v=view, l=direction, cosine=cosine)
+            )
+
+        surroundings = (
+            None
+            if around is None
+            else placed.judge(tree, view, functools.partial(_Judged.judge_around, v=view, around=around))
+        )
+        return _lit(lights, points.position, view, part_of, surroundings)
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
+
+
+def _lit(
+    lights: Sequence[LightData],
+    position: Array,
+    view: Array,
+    part_of: Callable[[Array, float], _Part],
+    around: _Part | None = None,
+) -> tuple[Array, Bounds]:
+    """The sum of what an environment gives and of all lights, whose part is that of a direction and of what its cosine
+    is off by."""
+    reference, most, usual = (np.zeros(view.shape) for _ in range(3))
+    if around is not None:
+        reference, most, usual = reference + around.value, most + around.most, usual + around.usual
+    for light in lights:
+        direction, intensity = light_at(light, position)
+        errors = light_errors(light, position)
+        part = part_of(direction, errors.cosine)
+        reference += part.value * intensity
+        most += part.most * np.abs(intensity) + np.abs(part.value) * errors.most
+        usual += part.usual * np.abs(intensity) + np.abs(part.value) * errors.usual
     size = np.maximum(np.abs(reference), FLOOR)
     # What is missing to the smallest value that counts is allowed the rounding of a wide lobe.
     missing, wide = 1.0 - np.minimum(np.abs(reference) / FLOOR, 1.0), lobe_bounds(1.0, "ggx")
     return reference, Bounds(most / size + missing * wide.max_rel, usual / size + missing * wide.p999_rel)
+
+
+def shade_node(
+    node: str,
+    values: Mapping[str, Any],
+    view: Array,
+    frame: Array,
+    position: Array,
+    lights: Sequence[LightData],
+    base: tuple[float, float, float] | None = None,
+) -> tuple[Array, Bounds]:
+    """`shade_tree` of one node of ours, its inputs given: scalars, `(n,)` or `(n, k)`.
+
+    view, frame, position: in world space, as `reference_image.shading_frame` gives them. base: the colour of a
+    Lambertian layer below.
+    """
+    lobe = _Judged(node, values, frame)
+    if base is None:
+        return _lit(lights, position, view, lambda direction, cosine: lobe.judge(view, direction, cosine))
+    white = {"weight": 1.0, "color": base, "roughness": 0.0, "energy_compensation": False}
+    below = _Judged(DIFFUSE_NODE, white, frame)
+
+    def both(direction: Array, cosine: float) -> _Part:
+        return lobe.judge(view, direction, cosine).over(below.judge(view, direction, cosine))
+
+    return _lit(lights, position, view, both)
 
 
 def respond(tree: Tree, points: Points, direction: Array, resolve: Resolve) -> Array:
@@ -400,38 +447,41 @@ class _Judged(_Response):
 
     def __init__(self, node: str, values: Mapping[str, Any], frame: Array) -> None:
         super().__init__(node, values, frame)
-        self._white = None if self.lobe is None else white_evaluator(values)
-        self._alpha: Array = np.ones(1) if self.lobe is None else _alpha(values).min(axis=-1)
+        # A compensated lobe is F (1 + c F), which changes with F by 1 + 2 c at most.
+        self._whites = [] if self.lobe is None else [white_evaluator(values), white_evaluator(values, False)]
+        self._alpha: Array = np.ones(2) if self.lobe is None else _alpha(values)
         self._distribution = "ggx" if self.lobe is None else values["distribution"]
-        self._relative = lobe_bounds(self._alpha, self._distribution)
-        self._reflectance = None if self.lobe is None else _reflectance(node, values)
+        self._masking = "smith" if self.lobe is None else values["masking"]
+        self._jumps = _phase_jumps(node, values)
         self._fresnel = fresnel_bounds(False if self.lobe is None else values["thinfilm_thickness"] > 0)
 
     def judge(self, v: Array, l: Array, cosine: float) -> _Part:  # noqa: E741
         view, light = self._local(v), self._local(l)
         scale = np.maximum(light[..., 2:], 0.0) * self.weight[..., None]
         value = self._value(view, light) * scale
-        white = value if self._white is None else self._white.eval(view, light) * scale
-        growth = grazing_factor(view, light)
-        narrow = narrow_bounds(self._alpha, self._distribution, view, light, growth)
+        white = value
+        if self._whites:
+            compensated, bare = (each.eval(view, light) for each in self._whites)
+            white = np.maximum(2.0 * compensated - bare, bare) * scale
+        relative = self._relative(view, light, cosine)
         leak = self._leak(view, light)
         through, unsure = np.zeros(value.shape), np.zeros(1)
         if self.lobe is not None:
             through, unsure = self.lobe.throughput(view, light, self.weight), self.weight[..., None]
 
-        of_light = cosine / np.maximum(light[..., 2:], cosine + 1e-12)
-
-        def allowed(relative: Array, beyond: Array, of_fresnel: Array, half_cosine: float) -> Array:
+        def allowed(relative: Array, of_fresnel: Array, half_cosine: float) -> Array:
             of_fresnel = of_fresnel + self._fresnel_change(view, light, half_cosine)
-            own = np.abs(value) * (growth * relative + beyond + of_light) + np.abs(white) * of_fresnel
+            own = np.abs(value) * relative + np.abs(white) * of_fresnel
+            # Where rounding decides whether an exponential is there at all, its own value says nothing.
+            own = np.where(relative > ANYTHING, ANYTHING, own)
             own = own + self._albedo_error(view, light) * scale
             # What leaks is known to no more than the lobe is.
             return np.asarray(own + leak * (1.0 + relative))
 
         return _Part(
             value,
-            allowed(self._relative.max_rel, narrow.max_rel, self._fresnel.max_rel, HALF_COSINE_MAX),
-            allowed(self._relative.p999_rel, narrow.p999_rel, self._fresnel.p999_rel, HALF_COSINE_P999),
+            allowed(relative.max_rel, self._fresnel.max_rel, HALF_COSINE_MAX),
+            allowed(relative.p999_rel, self._fresnel.p999_rel, HALF_COSINE_P999),
             through,
             # The compensation takes a Fresnel factor times what of an albedo of at most 1 is missing.
             unsure * (THROUGH_MAX + self._fresnel.max_rel),
@@ -461,21 +511,61 @@ class _Judged(_Response):
             unsure * (THROUGH_P999 + self._fresnel.p999_rel),
         )
 
+    def _relative(self, view: Array, light: Array, of_light: float) -> Bounds:
+        """The relative error but for the Fresnel factor: of a diffuse lobe, its rounding and that of n.l alone."""
+        if self.lobe is not None:
+            own = self.node.startswith("mrm_")
+            return direction_bounds(
+                self._alpha, self._distribution, self._masking, view, light, of_light, materialx=not own
+            )
+        wide = lobe_bounds(1.0, "ggx")
+        near = np.maximum(light[..., 2:], NEAR_COSINE_MAX)
+        return Bounds(
+            wide.max_rel + (NEAR_COSINE_MAX + of_light) / near,
+            wide.p999_rel + (NEAR_COSINE_P999 + of_light) / near,
+        )
+
     def _fresnel_change(self, view: Array, light: Array, error: float) -> Array | float:
         """By how much the Fresnel factor changes with the half angle's cosine, forward or retro, `(n, 3)`: without
         bound at an angle of total reflection, or where a small exponent meets the mirror angle.
         """
-        if self._reflectance is None:
+        if self.lobe is None:
             return 0.0
-        across = np.sum(view[..., :2] * light[..., :2], axis=-1, keepdims=True)
-        along = view[..., 2:] * light[..., 2:]
+        across = np.sum(view[..., :2] * light[..., :2], axis=-1)
+        along = view[..., 2] * light[..., 2]
         most: Array = np.zeros(view.shape)
+        shifts = [0.0, -1.0, 1.0]
+        if np.any(as_float32(self.values.get("exponent", 5.0)) < 1.0):
+            # Under a film such a curve is not monotonous on the way to 1.
+            shifts += [-1e-2, -1e-4, -1e-8]
         for sign in (1.0, -1.0):
             cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across + along), 0.0, 1.0))
-            exact = self._reflectance(cosine)
-            for other in (cosine - error, cosine + error):
-                most = np.maximum(most, np.abs(self._reflectance(np.clip(other, 0.0, 1.0)) - exact))
-        return most
+            # What is nearer to 1 than float64 can tell is anywhere between.
+            around = [self.lobe.reflectance(np.clip(cosine + shift * error, 0.0, 1.0)) for shift in shifts]
+            of_cosine = np.max(around, axis=0) - np.min(around, axis=0)
+            most = np.maximum(most, of_cosine + self._faint_extinction(cosine, around[0]))
+        return np.where(self._jumps, 1.0, most)
+
+    def _faint_extinction(self, cosine: Array, exact: Array) -> Array | float:
+        """What rounding makes of a metal that hardly absorbs where it reflects all, `(n, 3)`.
+
+        MaterialX takes the root of half of sqrt(t² + 4 n² k²) - |t|, t = n² - k² - sin²: of the first term, rounded by
+        4 of 2^-24, no more is left than of another k. cosine: `(n,)`.
+        """
+        if not self.node.endswith("conductor_bsdf"):
+            return 0.0
+        n, k = (np.atleast_1d(as_float32(self.values[name])) for name in ("ior", "extinction"))
+        if not np.any((n < 1.0) & (k < FAINT)):
+            return 0.0
+        t = np.abs(n**2 - k**2 - (1.0 - cosine**2)[..., None])
+        shift = 2 * UNIT * np.hypot(t, 2 * n * k) * t / n**2
+        change: Array = np.zeros(exact.shape)
+        for sign in (1.0, -1.0):
+            other = {**self.values, "extinction": np.sqrt(np.maximum(k**2 + sign * shift, 0.0))}
+            change = np.maximum(
+                change, np.abs(evaluator(_our_name(self.node), other).reflectance(cosine) - exact)
+            )
+        return np.where((n < 1.0) & (k < FAINT), change, 0.0)
 
     def _albedo_error(self, view: Array, light: Array) -> Array | float:
         """Of what an energy-compensated Oren-Nayar puts back: a product of what two albedos lack of 1, and these are
@@ -507,9 +597,15 @@ class _Judged(_Response):
         across = light * (1.0, 1.0, 0.0) + (1e-12, 0.0, 0.0)
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
         grazing = across + np.array([0.0, 0.0, LEAKED_COSINE])
-        value = self._value(view, grazing) if self._white is None else self._white.eval(view, grazing)
+        value = self._whites[0].eval(view, grazing) if self._whites else self._value(view, grazing)
         return np.where(below, value * LEAKED_COSINE, 0.0) * self.weight[..., None]
 
+
+ANYTHING = 1e30
+"""A bound that is none."""
+
+FAINT = 0.05
+"""Extinction from which on rounding is no part of it."""
 
 ARC_COSINE = 4096 * 2 * UNIT
 """Relative error of an arc cosine: what Vulkan asks of the arc tangent that it may be made of."""
@@ -524,17 +620,19 @@ def _lost_albedo(cosine: Array, roughness: Array) -> tuple[Array, Array]:
     return np.maximum(1.0 - diffuse.fujii_albedo(cosine, roughness), 0.0), wrong
 
 
-def _reflectance(node: str, values: Mapping[str, Any]) -> Callable[[Array], Array]:
-    """The Fresnel factor `(n, 3)` or `(n, 1)` of a cosine `(n, 1)`, without a film."""
-    if node.endswith("conductor_bsdf"):
-        n, k = as_float32(values["ior"]), as_float32(values["extinction"])
-        return lambda cosine: fresnel.fresnel_conductor(cosine, n, k)
-    if node.endswith("dielectric_bsdf"):
-        eta = as_float32(values["ior"])[..., None]
-        return lambda cosine: fresnel.fresnel_dielectric(cosine, eta)
-    f0, f82, f90 = (np.maximum(as_float32(values[name]), 0.0) for name in ("color0", "color82", "color90"))
-    exponent = as_float32(values["exponent"])[..., None]
-    return lambda cosine: fresnel.fresnel_schlick(cosine, f0, f82, f90, exponent)
+def _phase_jumps(node: str, values: Mapping[str, Any]) -> NDArray[np.bool_]:
+    """Where rounding decides whether the index that a Schlick curve stands for is below its film's, `(n, 3)`: the
+    phase of what it reflects is half a turn further then, and its Fresnel factor another one.
+    """
+    if not node.endswith("schlick_bsdf"):
+        return np.zeros(1, bool)
+    film = np.maximum(as_float32(values["thinfilm_ior"]), 1.0)[..., None]
+    root = np.sqrt(np.clip(as_float32(values["color0"]), 0.01, 0.99))
+    index = (1.0 + root) / (1.0 - root)
+    # The index has six roundings, of which two are of 1 - sqrt(F0) at most 0.995.
+    covered = as_float32(values["thinfilm_thickness"])[..., None] > 0
+    jumps: NDArray[np.bool_] = covered & (np.abs(index - film) <= 16 * UNIT * index**2)
+    return jumps
 
 
 class _Surrounded(_Response):

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 import mrm_nodes  # whose evaluator is imported when it is first used: that takes half a second
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import host
-from mrm_nodes.regression.compare import grazing_factor
+from mrm_nodes.regression.compare import UNIT
 from mrm_nodes.regression.material import as_float32
 
 Array = NDArray[np.float64]
@@ -63,10 +63,12 @@ def evaluator(node: str, values: Mapping[str, Any], compensated: bool = True) ->
     raise MrmError(f"the evaluator has no {node}")
 
 
-def white_evaluator(values: Mapping[str, Any]) -> Any:
+def white_evaluator(values: Mapping[str, Any], compensated: bool = True) -> Any:
     """The lobe of `values` with a Fresnel factor of 1 and no film: a Fresnel error's factor."""
     white = {"color0": 1.0, "color82": 1.0, "color90": 1.0, "exponent": 5.0, "scatter_mode": "R"}
-    return evaluator("mrm_generalized_schlick_bsdf", {**values, **white, "thinfilm_thickness": 0.0})
+    return evaluator(
+        "mrm_generalized_schlick_bsdf", {**values, **white, "thinfilm_thickness": 0.0}, compensated
+    )
 
 
 def shading_frame(
@@ -119,9 +121,6 @@ class LightErrors:
     """Of the cosine with a surface's normal, absolute, beyond that of a direction that is given."""
 
 
-UNIT = 2.0**-24
-"""Half a unit in the last place of a float32 below 1: one rounding."""
-
 SPOT_COSINE_MAX, SPOT_COSINE_P999 = 7 * UNIT, 5 * UNIT
 """Error of the cosine with a spot light's axis, near 1: a difference and a quotient round each component, two roundings
 the length, three the sum of products. As many uniform errors are below five of them in 999 of 1000 sums."""
@@ -164,40 +163,19 @@ def light_errors(light: LightData, position: ArrayLike) -> LightErrors:
 
 def shade(
     bsdf: Any, weight: ArrayLike, view: Array, frame: Array, position: ArrayLike, lights: Sequence[LightData]
-) -> tuple[Array, Array]:
+) -> Array:
     """Radiance `(n, 3)` towards the viewer: the sum over lights of intensity, BSDF, cosine and weight.
 
     A light below the shading horizon gives exactly nothing. weight: `(n,)` or a scalar.
-
-    Returns:
-        The radiance, and the same sum with each light's part multiplied by its `grazing_factor`.
     """
-    total, grazing = np.zeros(view.shape), np.zeros(view.shape)
+    total = np.zeros(view.shape)
     v = _to_frame(frame, view)
     for light in lights:
         direction, intensity = light_at(light, position)
         l = _to_frame(frame, direction)  # noqa: E741  the field's own name
-        part = np.where(l[..., 2:] > 0, bsdf.eval(v, _unit(l)) * intensity * l[..., 2:], 0.0)
-        total += part
-        grazing += part * grazing_factor(v, l)
-    scale = np.asarray(as_float32(weight))[..., None]
-    return total * scale, grazing * scale
-
-
-@dataclass(frozen=True)
-class DiffuseBase:
-    """A Lambertian base under a coat of ours: MaterialX's `layer` over its `oren_nayar_diffuse_bsdf`."""
-
-    coat: Any
-    weight: ArrayLike
-    """Of the coat."""
-    color: tuple[float, float, float]
-
-    def eval(self, v: Array, l: Array) -> Array:  # noqa: E741  the field's own name
-        """The base's response per cosine, times what the coat lets through."""
-        through: Array = self.coat.throughput(v, l, as_float32(self.weight))
-        response: Array = through * mrm_nodes.reference.lambert(as_float32(self.color), v, l)
-        return response
+        total += np.where(l[..., 2:] > 0, bsdf.eval(v, _unit(l)) * intensity * l[..., 2:], 0.0)
+    shaded: Array = total * np.asarray(as_float32(weight))[..., None]
+    return shaded
 
 
 def _to_frame(frame: Array, direction: Array) -> Array:

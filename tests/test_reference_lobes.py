@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrm_nodes import reference as ref
+from mrm_nodes.reference.checks import SMALLEST_ALPHA
 from mrm_nodes.reference.diffuse import C1, C2, fujii_albedo
 
 TURN = np.array([-1.0, -1.0, 1.0])
@@ -399,6 +400,8 @@ V = np.array([0.6, 0.0, 0.8])
         (lambda: ref.Conductor((1.0, math.nan, 1.0), 1.0, 0.3), ["ior", "nan"]),
         (lambda: ref.Dielectric(1.5, 0.0), ["alpha", "0"]),
         (lambda: ref.Dielectric(1.5, (0.3, -0.1)), ["alpha", "-0.1"]),
+        (lambda: ref.Dielectric(1.5, 2e-9), ["alpha", "at least 2.5e-09", "2e-09"]),
+        (lambda: ref.GGX(0.3, 1e-10), ["ay", "at least 2.5e-09", "1e-10"]),
         (lambda: ref.Dielectric(1.5, 0.3, retroreflectivity=1.5), ["retroreflectivity", "1.5"]),
         (lambda: ref.Dielectric(1.5, 0.3, thinfilm_thickness=-1.0), ["thinfilm_thickness", "-1"]),
         (lambda: ref.Dielectric(1.5, 0.3, distribution="gxx"), ["distribution", "gxx", "ggx"]),
@@ -608,6 +611,27 @@ def test_a_colour_above_1_comes_back_bounce_by_bounce():
         bounces = math.fsum(rho * (rho * (1.0 - average)) ** k for k in range(1000)) * rho * average
         back = bounces * lost_v * lost_l / (1.0 - average) / math.pi
         assert ref.oren_nayar(rho, roughness, v, l, True)[0] == pytest.approx(rho * single + back, rel=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("distribution", "masking"),
+    [
+        ("ggx", "smith"),
+        ("ggx", "vcavity"),
+        ("beckmann", "smith"),
+        ("beckmann", "vcavity"),
+        ("phong", "vcavity"),
+    ],
+)
+def test_the_narrowest_lobe_is_finite_down_to_the_horizon(distribution, masking):
+    lobe = ref.GeneralizedSchlick(
+        0.5, alpha=SMALLEST_ALPHA, distribution=distribution, masking=masking, retroreflectivity=0.5
+    )
+    cosine = np.array([1.0, 0.5, 1e-5, 1e-20, 1e-59])
+    v = np.stack([np.sqrt(1.0 - cosine**2), np.zeros(5), cosine], axis=-1)
+    lights = (v * [-1.0, 1.0, 1.0], v, v[::-1], np.array([0.6, 0.0, 0.8]))
+    for l in lights:  # noqa: E741
+        assert np.isfinite(lobe.eval(v, l)).all() and np.isfinite(lobe.pdf(v, l)).all()
 
 
 def test_layers_do_what_materialx_says():

@@ -23,6 +23,7 @@ from .checks import (
     LARGEST_INDEX,
     MASKINGS,
     SCATTER_MODES,
+    SMALLEST_ALPHA,
     check_unit,
     choice,
     colour,
@@ -99,7 +100,7 @@ class Lobe:
         self._compensation = choice("energy_compensation", energy_compensation, COMPENSATIONS)
         self._scatter = choice("scatter_mode", scatter_mode, SCATTER_MODES)
         self._retro_transmission = bool(retro_transmission)
-        self._alpha = pair("alpha", alpha, 0.0, np.inf, open_low=True)
+        self._alpha = pair("alpha", alpha, SMALLEST_ALPHA, np.inf)
         self._retro = scalar("retroreflectivity", retroreflectivity, 0.0, 1.0)
         self._rxy = scalar("slope_correlation", slope_correlation, -0.9999, 0.9999)
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
@@ -341,8 +342,8 @@ class Conductor(Lobe):
     Args:
         ior: real part of the complex index relative to the outside, above 0: a number or (..., 3).
         extinction: its imaginary part, at least 0: a number or (..., 3).
-        alpha: microfacet width, above 0: a number, a pair along tangent and bitangent, or (..., 2). It is the square
-            of a perceptual roughness.
+        alpha: microfacet width, 2.5e-9 or more: a number, a pair along tangent and bitangent, or (..., 2). It is
+            the square of a perceptual roughness.
         retroreflectivity: share of the lobe that returns to the light, 0 to 1: (...).
         distribution: `ggx`, `beckmann`, `beckmann-rational` (Walter's fit of its masking) or `phong`.
         masking: `smith` or `vcavity` (`cook-torrance` is its other name); phong always has the V-cavities', and its

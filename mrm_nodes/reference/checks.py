@@ -45,6 +45,10 @@ COMPENSATIONS = {
     "kulla-conty": energy.KULLA_CONTY,
 }
 
+#: Below it D leaves float64's range at grazing normals: it divides by at least z⁴ (αx αy)⁴, and a half vector's z is at
+#: least twice the horizon of 1e-60, so that (2e-60)⁴ α⁸ must stay above float64's smallest normal, 2.2e-308.
+SMALLEST_ALPHA = 2.5e-9
+
 #: Beyond it the squares of squares in Fresnel's equations leave float64's range.
 LARGEST_INDEX = 1e6
 

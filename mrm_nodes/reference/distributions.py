@@ -15,6 +15,7 @@ from . import microsurface as surface
 from .checks import (
     CORRELATIONS,
     MASKINGS,
+    SMALLEST_ALPHA,
     check_shapes,
     check_unit,
     choice,
@@ -174,7 +175,7 @@ class Distribution:
     `G1`.
 
     Args:
-        ax: microfacet width alpha along the tangent, above 0: (...).
+        ax: microfacet width alpha along the tangent, 2.5e-9 or more: (...).
         ay: across it, by default the same: (...).
         slope_correlation: within ±0.9999, stretches along other axes (eq. 88): (...).
         mean_slope: slope of the mesosurface (eq. 94): (..., 2).
@@ -193,8 +194,8 @@ class Distribution:
         slope_correlation: ArrayLike = 0.0,
         mean_slope: ArrayLike = 0.0,
     ) -> None:
-        x = scalar("ax", ax, 0.0, open_low=True)
-        y = x if ay is None else scalar("ay", ay, 0.0, open_low=True)
+        x = scalar("ax", ax, SMALLEST_ALPHA)
+        y = x if ay is None else scalar("ay", ay, SMALLEST_ALPHA)
         check_shapes(ax=x.shape[:-1], ay=y.shape[:-1])
         self._alpha = np.concatenate(np.broadcast_arrays(x, y), axis=-1)
         self._rxy = scalar("slope_correlation", slope_correlation, -0.9999, 0.9999)

@@ -197,9 +197,13 @@ def _diffuse(w: _Writer) -> str:
 def _coat(w: _Writer) -> str:
     """A lobe that lets light through to what lies below."""
     alpha = w.rng.choice((0.0, w.alpha(), w.alpha()))
+    node = w.rng.choice(("mrm_dielectric_bsdf", "dielectric_bsdf", "mrm_generalized_schlick_bsdf"))
+    # As it comes a Schlick lobe is white, and lets nothing through.
+    is_schlick = node == "mrm_generalized_schlick_bsdf"
     return w.node(
-        w.rng.choice(("mrm_dielectric_bsdf", "dielectric_bsdf", "mrm_generalized_schlick_bsdf")),
+        node,
         "BSDF",
+        w.value("color0", "color3", w.color(0.02, 0.3)) if is_schlick else "",
         f'<input name="roughness" type="vector2" value="{alpha}, {alpha}" />',
         w.some(0.3, lambda: w.value("weight", "float", w.number(0.3, 1.0))),
     )
@@ -337,16 +341,16 @@ def document(rng: random.Random, kind: str) -> str:
 
 
 def lights(rng: random.Random, kind: str, toward: np.ndarray) -> tuple[Light, ...]:
-    """One to three lights that reach what the camera sees, the first of them near to the camera, where a lobe that
-    looks back is bright. toward: from the middle of the mesh to the camera.
+    """Two or three lights that reach what the camera sees: the first near to the camera, where a lobe that looks back
+    is bright, the second where the plane, which faces +z, is a mirror. toward: from the mesh's middle to the camera.
     """
 
-    def aside(most: float) -> np.ndarray:
-        """A direction up to so many degrees from the camera's."""
+    def aside(most: float, axis: np.ndarray) -> np.ndarray:
+        """A direction up to so many degrees from another."""
         other = np.array([rng.gauss(0, 1) for _ in range(3)])
-        other -= other @ toward * toward
+        other -= other @ axis * axis
         turn = np.radians(rng.uniform(0.0, most))
-        direction: np.ndarray = np.cos(turn) * toward + np.sin(turn) * other / np.linalg.norm(other)
+        direction: np.ndarray = np.cos(turn) * axis + np.sin(turn) * other / np.linalg.norm(other)
         return direction
 
     def color() -> tuple[float, ...]:
@@ -357,12 +361,12 @@ def lights(rng: random.Random, kind: str, toward: np.ndarray) -> tuple[Light, ..
         )
 
     made: list[Light] = []
-    for number in range(rng.choice((1, 1, 2, 3))):
-        most = 60.0 if number else 12.0
-        place = aside(most) * rng.uniform(2.0, 5.0)
+    for number in range(rng.choice((2, 2, 3))):
+        away = aside(60.0 if number == 2 else 12.0, toward * (-1.0, -1.0, 1.0) if number == 1 else toward)
+        place = away * rng.uniform(2.0, 5.0)
         others = {"color": color(), "intensity": round(rng.uniform(0.5, 4.0), 3)}
-        if kind == "directional":
-            made.append(DirectionalLight(tuple(-aside(most)), **others))
+        if kind == "directional" or (kind == "camera" and number):
+            made.append(DirectionalLight(tuple(-away), **others))
         elif kind == "point":
             made.append(PointLight(tuple(place), decay_rate=rng.choice((0.0, 1.0, 2.0)), **others))
         elif kind == "spot":
@@ -377,7 +381,6 @@ def lights(rng: random.Random, kind: str, toward: np.ndarray) -> tuple[Light, ..
             )  # fmt: skip
         else:
             made.append(CameraLight(**others))
-            break
     return tuple(made)
 
 

@@ -1,6 +1,6 @@
 """Random ordinary materials, as documents of many forms, under every kind of light: each is what physics says.
 
-MRM_RANDOM says how many: 4 by default, and 300 in `make random`. The seed is the time; each failure says it, and
+MRM_RANDOM says how many: 2 by default, and 300 in `make random`. The seed is the time; each failure says it, and
 MRM_SEED makes the same materials again.
 """
 
@@ -22,7 +22,7 @@ from mrm_nodes.regression.compare import NOTICED
 from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends
 
-COUNT = int(os.environ.get("MRM_RANDOM", "4"))
+COUNT = int(os.environ.get("MRM_RANDOM", "2"))
 SEED = int(os.environ.get("MRM_SEED") or time.time())
 ENOUGH = 100
 """Cases of which a share of 2 % says something."""

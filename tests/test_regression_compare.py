@@ -62,6 +62,25 @@ def test_a_few_small_errors_pass():
     assert compare(image, scene(), LOOSE)[0] == "pass"
 
 
+def test_a_point_whose_bound_black_would_keep_says_nothing_but_that_it_is_finite():
+    """Where float32 alone makes a value what it is, an error of a million is as good as none."""
+    bound = np.full((4000, 3), 1e-4)
+    bound[7] = 1e7
+    bounds, image = Bounds(bound, bound), scene()
+    image[7] *= 1e6
+    verdict, figures = compare(image, scene(), bounds)
+    assert (verdict, figures.max_rel, figures.used) == ("pass", 0.0, 0.0)
+    bound[7] = 0.99
+    assert compare(image, scene(), bounds)[0] == "fail"
+    bound[7] = 1e7
+    image[7, 2] = np.nan
+    assert compare(image, scene(), bounds)[0] == "fail"
+    assert compare(np.zeros((4000, 3)), scene(), Bounds(np.full((4000, 3), 2.0), bound))[0] == "fail"
+    assert (
+        compare(scene(), scene(), Bounds(np.full((4000, 3), 2.0), np.full((4000, 3), 2.0)))[0] == "undecided"
+    )
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_a_value_that_is_not_finite_fails(value):
     image = scene()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.regression import material
-from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, compare, relative_error
+from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, compare, decided, relative_error
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.physics import shade_node
 from mrm_nodes.regression.reference_image import evaluator, shading_frame
@@ -262,7 +262,7 @@ def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
     """The verdict over all points, figures by decade of alpha with and without film, and the worst point."""
     bounds = Bounds(points["max_bound"], points["p999_bound"])
     verdict, figures = compare(points["image"], points["reference"], bounds)
-    error = relative_error(points["image"], points["reference"])
+    error = decided(relative_error(points["image"], points["reference"]), points["max_bound"])
     used = np.maximum(error / points["max_bound"], 0)
     used[~np.isfinite(used)] = np.inf
     worst = np.argsort(-used.max(-1), kind="stable")[:WORST_KEPT]
@@ -322,7 +322,9 @@ def tally(cloud: Cloud, renderer: Any, shader: Any) -> dict[tuple[str, float], D
     for points in _chunks(cloud, renderer, shader):
         finite = np.isfinite(points["image"]).all(-1)
         error = np.where(finite[:, None], relative_error(points["image"], points["reference"]), np.inf)
-        used, usual = ((error / points[f"{name}_bound"]).max(-1) for name in ("max", "p999"))
+        used, usual = (
+            (decided(error, bound) / bound).max(-1) for bound in (points["max_bound"], points["p999_bound"])
+        )
         for axis, value, decades in (
             ("alpha", points["alpha"], DECADES),
             ("n.v", points["view"][:, 2], COSINES),

@@ -243,7 +243,8 @@ def _relative(difference: Array, reference: Array) -> Array:
 def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Verdict, Figures]:
     """Verdict and figures of the points of an image against their reference.
 
-    An image within its bounds is `undecided` where they are so wide that it would be with every value 10 % off.
+    An image within its bounds is `undecided` where they are so wide that it would be with every value 10 % off. A
+    point whose own bound is 100 % or more, which black would keep, is left out of errors and bounds.
 
     image, reference: `(n, 3)`, the points that count. A value of the image that is not finite fails.
 
@@ -268,13 +269,14 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
     error = _relative(difference, reference)
     if not np.isfinite(error).all():
         error[~np.isfinite(error)] = np.inf
-    max_rel, p999_rel = float(np.max(error)), quantile(error, 0.999)
+    max_error, p999_error = decided(error, bounds.max_rel), decided(error, bounds.p999_rel)
+    max_rel, p999_rel = float(np.max(max_error)), quantile(p999_error, 0.999)
     # One bound for all points is divided by once.
     used = max(
-        max_rel / bounds.max_rel if np.ndim(bounds.max_rel) == 0 else np.max(error / bounds.max_rel),
+        max_rel / bounds.max_rel if np.ndim(bounds.max_rel) == 0 else np.max(max_error / bounds.max_rel),
         p999_rel / bounds.p999_rel
         if np.ndim(bounds.p999_rel) == 0
-        else quantile(error / bounds.p999_rel, 0.999),
+        else quantile(p999_error / bounds.p999_rel, 0.999),
     )
     notices = _notices(reference, bounds)
     figures = Figures(
@@ -290,6 +292,15 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
     if used > 1:
         return "fail", figures
     return ("pass" if notices <= NOTICED else "undecided"), figures
+
+
+def decided(error: Array, bound: float | Array) -> Array:
+    """The errors but those of points whose bound black would keep: what float32 makes of them says nothing. A value
+    that is not finite is wrong everywhere.
+    """
+    if np.ndim(bound) == 0:
+        return error
+    return np.where((np.asarray(bound) >= 1.0) & np.isfinite(error), 0.0, error)
 
 
 def _notices(reference: Array, bounds: Bounds) -> float:

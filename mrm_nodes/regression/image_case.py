@@ -20,6 +20,7 @@ from mrm_nodes.regression.compare import (
     Figures,
     Verdict,
     compare,
+    decided,
     relative_error,
     why_undecided,
 )
@@ -103,7 +104,8 @@ def _within(drawn: RenderedImage, reference: Array, bounds: Bounds) -> Judged:
     """Compare with bounds that differ from point to point."""
     mask = drawn.mask
     verdict, figures = compare(drawn.image[mask], reference, bounds)
-    used = np.max(relative_error(drawn.image[mask], reference) / bounds.max_rel, axis=-1)
+    error = decided(relative_error(drawn.image[mask], reference), bounds.max_rel)
+    used = np.max(error / bounds.max_rel, axis=-1)
     return Judged(drawn.image, reference, mask, verdict, figures, bounds.loosest(), _spread(used, mask))
 
 

@@ -12,7 +12,7 @@ from mrm_nodes.regression.executors import Judged
 from mrm_nodes.regression.worker import Worker
 
 FAULTS = {
-    "a sign flipped in the back-vector": (r"reflect\(\s*-\s*V, N\)", "reflect(V, N)"),
+    "a sign flipped in the back-vector": (r"vec3 D = L - V;", "vec3 D = L + V;"),
     "alpha squared once too often": (
         r"clamp\(roughness, M_FLOAT_EPS",
         "clamp(roughness * roughness, M_FLOAT_EPS",

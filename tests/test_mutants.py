@@ -75,7 +75,7 @@ def suite(gl: None, tmp_path_factory: pytest.TempPathFactory) -> Suite:
         ("mrm_smith", "float t = 1.0 / (1.0 +[0.3275911 -> 0.330867011]", True),
         # What no input changes any longer.
         ("mrm_conductor_bsdf", "[bsdf.response = response * weight; -> nothing]", True),
-        ("mrm_microfacet", "float NdotV = clamp(dot(N, retro >[0.5 -> 0.505]", False),
+        ("mrm_reflection", "float VdotH = min(0.5 * size,[1.0 -> 1.01]", False),
     ],
 )
 def test_a_suite_fails_what_it_notices_and_nothing_else(

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from mrm_nodes.regression import material
 from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, compare, decided, relative_error
 from mrm_nodes.regression.outcome import Outcome, timed
-from mrm_nodes.regression.physics import shade_node
 from mrm_nodes.regression.reference_image import evaluator, shading_frame
 from mrm_nodes.regression.workshop import Workshop
 from mrm_nodes.render.scene import Camera, DirectionalLight
@@ -213,6 +212,8 @@ def attributes_of(node: str) -> tuple[str, ...]:
 
 
 def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, NDArray[Any]]]:
+    from mrm_nodes.regression.physics import shade_node
+
     rng = np.random.default_rng([cloud.seed, zlib.crc32(cloud.name.encode())])
     fixed = material.complete(cloud.node, {"distribution": cloud.distribution, "masking": cloud.masking})
     uniforms = {"distribution": cloud.distribution, "masking": cloud.masking}

@@ -24,11 +24,8 @@ from mrm_nodes.regression.compare import (
     relative_error,
     why_undecided,
 )
-from mrm_nodes.regression.environment_reference import beside_integral, some_of
-from mrm_nodes.regression.image_sum import Surroundings
 from mrm_nodes.regression.material_case import as_text
 from mrm_nodes.regression.outcome import Outcome, timed
-from mrm_nodes.regression.physics import shade_node
 from mrm_nodes.regression.pictures import write_pictures
 from mrm_nodes.regression.reference_image import shading_frame
 from mrm_nodes.regression.workshop import Workshop
@@ -113,6 +110,9 @@ def _in_environment(
     case: Case, workshop: Workshop, outcome: Outcome, drawn: RenderedImage, values: Mapping[str, Any]
 ) -> Judged:
     """Compare with the shader's own sum over the map, and say how far that is from the integral."""
+    # A run that finds all in the cache has no need of numba.
+    from mrm_nodes.regression.environment_reference import beside_integral, some_of
+    from mrm_nodes.regression.image_sum import Surroundings
     from mrm_nodes.regression.physics import Points, light_tree, shade_tree
 
     light = _light(case)
@@ -236,6 +236,8 @@ def reference_points(
     """The reference of n points, `(n, 3)`, and the bounds on the image there."""
     view, frame = shading_frame(position, normal, tangent, camera.position)
     lights = [light.data(camera) for light in case.lights]
+    from mrm_nodes.regression.physics import shade_node
+
     return shade_node(case.node, values, view, frame, np.asarray(position, np.float64), lights, case.base)
 
 

@@ -1,7 +1,7 @@
 # make regress   render the default suite without a display, compare it with the evaluator, write report/index.html
 # make test      run the tests
-# make regress-full  more textured cases, each drawn first in a process of its own; the default suite with the cache and
-#                without; and a picture of each shipped material, on each backend
+# make regress-full  the larger suite; more textured cases, each drawn first in a process of its own; and a picture of
+#                each shipped material, on each backend
 # make sweep     MaterialX's own documents, where they lie beside the checkout, through everything, beside its own
 #                renderer, and all of its examples moved over; a quarter of an hour
 # make targets   install the targets' compilers and a browser, then compile and run the nodes in every target
@@ -9,7 +9,8 @@
 #                table
 # make fuzz      damage 2,400 files and send them through the command line; beside it ten minutes of fuzzing led by
 #                coverage, for each reader
-# make faults    kill runs 200 times, fill the disk at every change, cut the power at every moment; hours
+# make faults    kill runs 200 times, fill the disk at every change, cut the power at every moment, draw the default suite with
+#                the cache and without; hours
 # make mutants   change the nodes' GLSL in 240 ways, one at a time, and say which of them the default suite does not notice;
 #                half an hour (SEED=2 chooses others)
 # make random    300 random materials on each backend (MRM_SEED=N makes those of another run); half an hour
@@ -42,7 +43,7 @@ regress: setup
 # What `make regress` has drawn comes from the cache.
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
-	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py $(TEXTURED)
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 $(TEXTURED)
 	MRM_PICTURES=1 $(BIN)/python -m pytest -q -n 2 tests/test_pictures.py -k shipped_material
 
 sweep: targets
@@ -69,6 +70,7 @@ fuzz: setup
 
 faults: setup
 	MRM_FAULTS=200 $(BIN)/python -m pytest -q -n 2 tests/test_full_disk.py tests/test_power_cut.py tests/test_kills.py
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py
 
 mutants: setup
 	$(BIN)/python tests/mutants.py --seed $(SEED) -o build/mutants.json

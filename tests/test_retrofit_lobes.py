@@ -109,9 +109,11 @@ def test_the_base_specular_is_the_model(surface: Surface, metal: bool, film: boo
         expected = specular.bsdf.eval(v, l) * l[:, 2:]
         white = specular.white.eval(v, l) * l[:, 2:]
         roughness = np.broadcast_to(specular.alpha, (len(v), 2))
-        allowed = direction_bounds(roughness, "ggx", "smith", v, l).max_rel * np.abs(expected)
+        # Errors are relative to at least the floor: before 1.39.5 other lobes at weight 0 leave 1e-8 behind.
+        size = np.maximum(np.abs(expected), FLOOR)
+        allowed = direction_bounds(roughness, "ggx", "smith", v, l).max_rel * size
         allowed = allowed + fresnel_bounds(film).max_rel * white
-        worst = (np.abs(image - expected) / np.maximum(allowed, FLOOR * 2e-5)).max()
+        worst = (np.abs(image - expected) / allowed).max()
         assert worst <= 1.0, (worst, weight, values)
 
 

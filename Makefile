@@ -32,7 +32,7 @@ TARGET_TESTS := tests/test_targets.py tests/test_webgl.py tests/test_webgpu.py t
 	tests/test_materialx_renderer.py tests/test_report_browser.py tests/test_tonemap_three.py tests/test_vectors.py
 
 SWEEP := tests/test_sweep.py
-# `make regress-full` runs all of its cases, and `make test` none.
+# `make regress-full` runs all of its cases, and `make test` three.
 TEXTURED := render_tests/test_textured.py
 
 .PHONY: regress regress-full sweep test docs lint setup clean targets clients fuzz faults decades mutants random
@@ -43,15 +43,14 @@ regress: setup
 # What `make regress` has drawn comes from the cache.
 regress-full: setup
 	$(BIN)/mrm-nodes regress -o $(REPORT) --backend $(BACKEND) --suite full
-	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 $(TEXTURED)
+	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 --dist loadgroup $(TEXTURED)
 	MRM_PICTURES=1 $(BIN)/python -m pytest -q -n 2 tests/test_pictures.py -k shipped_material
 
 sweep: targets
 	MRM_EXAMPLES=all $(BIN)/python -m pytest -q $(SWEEP) tests/test_retrofit_examples.py
 
 test: setup
-	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(SWEEP:%=--ignore=%) \
-		$(TEXTURED:%=--ignore=%)
+	$(BIN)/python -m pytest -q -n 2 --dist loadscope $(TARGET_TESTS:%=--ignore=%) $(SWEEP:%=--ignore=%)
 
 # Here a compiler that is missing is a failure, where `make test` skips its tests.
 targets: setup

@@ -3,6 +3,7 @@
 That they agree with the evaluator, on both, is what `make regress` and `make regress-full` find out.
 """
 
+import functools
 import os
 from pathlib import Path
 
@@ -53,21 +54,31 @@ def test_the_suites_have_them():
 
 
 @pytest.fixture(scope="module")
-def by_two(worker, tmp_path_factory):
-    """The cases that are drawn first below, all in one run with two jobs: their reports and pictures."""
-    folder = tmp_path_factory.mktemp("two")
-    return folder, run_suite(list(FIRST.values()), folder, worker.backend, jobs=2)
+def by_two(tmp_path_factory):
+    """The cases that are drawn first below, of a backend, all in one run with two jobs: their folder and report."""
+
+    @functools.cache
+    def drawn(backend):
+        folder = tmp_path_factory.mktemp("two")
+        return folder, run_suite(list(FIRST.values()), folder, backend, jobs=2)
+
+    return drawn
 
 
 @pytest.mark.parametrize(
     ("worker", "name"),
-    [(BACKENDS[number % len(BACKENDS)], name) for number, name in enumerate(FIRST)],
+    [
+        # In groups, so that each process of a run with two makes the cases of one backend.
+        pytest.param(backend, name, marks=pytest.mark.xdist_group(backend))
+        for number, backend in enumerate(BACKENDS)
+        for name in list(FIRST)[number :: len(BACKENDS)]
+    ],
     indirect=["worker"],
 )
 def test_a_case_drawn_first_in_its_process_is_the_case_drawn_later(worker, by_two, name, tmp_path):
     backend = worker.backend
     report = run_suite([FIRST[name]], tmp_path, backend, jobs=1)
-    folder, later = by_two
+    folder, later = by_two(backend)
     (alone,) = report["cases"]
     (beside,) = (each for each in later["cases"] if each["name"] == name)
     assert alone["verdict"] == beside["verdict"] == "pass", (alone["message"], beside["message"])

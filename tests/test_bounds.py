@@ -253,8 +253,8 @@ def test_a_narrow_lobe_may_be_what_it_is_for_a_half_vector_that_is_rounded(alpha
     beyond = allowed - lobe_bounds(alpha, distribution).max_rel[0]
     error = np.abs(density(shifted) - density(slope)) / density(slope)
     # The directions of this test lose a part of a slope of 1e-10: what is left of it is no less than their rounding.
-    # Where black would keep the bound, nothing is said.
-    assert (error <= 1.001 * allowed + 1e-6)[allowed < 1].all()
+    # Exponentials end at e^80: beyond that the bound is as good as none, and black has always kept it.
+    assert (error <= 1.001 * allowed + 1e-6)[allowed < 1e30].all()
     # And no more than that where the lobe is far away: the bound is its own error there, not a licence.
     far = (slope > 0.05) & (light[:, 2] > 0.5)
     of_view = 2 * lobe_bounds(alpha, "ggx").max_rel[0] * VIEW_MAX / HALF_VECTOR_MAX

@@ -30,8 +30,10 @@ ENOUGH = 100
 
 @pytest.fixture(scope="module", params=["egl", "osmesa"])
 def worker(request: pytest.FixtureRequest, gl: None) -> Worker:
-    if request.param not in [probe.backend for probe in probe_backends() if probe.works]:
-        pytest.skip(f"{request.param} does not work here")
+    probe = next(each for each in probe_backends() if each.backend == request.param)
+    if not probe.works:
+        is_required = probe.backend in os.environ.get("MRM_REQUIRE_BACKENDS", "").split(",")
+        (pytest.fail if is_required else pytest.skip)(f"{probe.backend}: {probe.reason}")
     return Worker(request.param)
 
 

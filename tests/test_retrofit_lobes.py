@@ -67,17 +67,21 @@ def test_weight_zero_is_materialx_own_surface_but_for_our_departures(
 
 
 @by_surface
+@pytest.mark.parametrize("film", [False, True], ids=["bare", "film"])
 @pytest.mark.parametrize("points_of", [random_points, opposite_points], ids=["random", "opposite"])
 @pytest.mark.parametrize("metal", [False, True], ids=["dielectric", "metal"])
 def test_weight_zero_is_nearer_to_the_evaluator_than_materialx_own(
-    surface: Surface, metal: bool, points_of: Callable[..., Points]
+    surface: Surface, metal: bool, points_of: Callable[..., Points], film: bool
 ) -> None:
-    """In the mean and, but for rounding, at most; they differ by no more than these errors, as if independent."""
+    """In the mean and, but for rounding, at most; they differ by no more than these errors, as if independent.
+
+    A film's phase makes more of the half angle's rounding than there is left of it: of the worst value chance decides.
+    """
     rng = np.random.default_rng(3)
     own, ours = shader_of(surface.node), shader_of(surface.name)
     errors = []
     for _ in range(6):
-        values = only_base_specular(surface, random_values(surface.node, rng), metal, film=False)
+        values = only_base_specular(surface, random_values(surface.node, rng), metal, film)
         points = points_of(rng, 512, roughness_of(values) ** 2)
         v, l = points.v[points.lit], points.l[points.lit]  # noqa: E741  the field's own name
         expected = base_specular(surface, values, 0.0).bsdf.eval(v, l) * l[:, 2:]
@@ -87,7 +91,8 @@ def test_weight_zero_is_nearer_to_the_evaluator_than_materialx_own(
         size = np.maximum(expected, FLOOR)
         errors.append([np.abs(each) / size for each in (mine - expected, theirs - expected, mine - theirs)])
     mine, theirs, difference = (np.concatenate([each[i] for each in errors]) for i in range(3))
-    assert mine.mean() < theirs.mean() and mine.max() <= theirs.max() + 1e-6
+    assert mine.mean() < theirs.mean()
+    assert film or mine.max() <= theirs.max() + 1e-6
     assert difference.mean() <= np.hypot(theirs.mean(), mine.mean())
     assert difference.max() <= theirs.max() + mine.max()
 

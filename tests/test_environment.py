@@ -161,15 +161,13 @@ def test_built_in_environments_are_valid_and_small():
     assert np.ptp(env.white().radiance) == 0.0
 
 
-def test_another_number_of_samples_shares_what_was_made_of_the_map():
-    few = env.Environment(rng_map(), rotation=20.0)
-    many = few.resampled(999)
-    assert many.radiance is few.radiance
-    with pytest.raises(MrmError, match="0 samples"):
-        few.resampled(0)
-    assert (many.samples, many.rotation, few.samples) == (999, 20.0, env.DEFAULT_SAMPLES)
-    assert many.levels is few.levels
-    assert many.irradiance is few.irradiance
+def test_a_map_that_is_turned_shares_what_was_made_of_it():
+    given = env.Environment(rng_map(), rotation=20.0)
+    turned = given.turned(15.0)
+    assert turned.radiance is given.radiance
+    assert (turned.rotation, given.rotation) == (35.0, 20.0)
+    assert turned.levels is given.levels
+    assert turned.irradiance is given.irradiance
 
 
 @pytest.mark.parametrize("name", ["san_giuseppe_bridge.hdr", "goegap.hdr"])

@@ -103,8 +103,6 @@ class Figures:
     flip: float | None = None
     """Mean FLIP, where it was asked for."""
     hdr_flip: float | None = None
-    uncertainty: float | None = None
-    """What the reference's standard error may add to `used` or take from it; None where the reference is exact."""
     notices: float | None = None
     """The smallest relative fault of all values that this verdict would have noticed, 1 being a black image, where
     the bounds are float32's. Infinite where nothing is lit."""

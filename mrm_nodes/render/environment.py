@@ -104,14 +104,6 @@ class Environment:
             levels.append(shrink(levels[-1], height, width))
         return levels
 
-    def resampled(self, samples: int) -> Environment:
-        """Return the same light, the same map, with another number of samples.
-
-        Raises:
-            MrmError: fewer than 1, or more than 2^20.
-        """
-        return self._with(samples=samples)
-
     def turned(self, degrees: float) -> Environment:
         """Return the same light, the same map, turned further about +y, from +z towards +x.
 

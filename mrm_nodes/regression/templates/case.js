@@ -413,7 +413,7 @@ function figureFacts(each) {
   return el(
     "section",
     {},
-    el("h3", {}, boundText(each), each.uncertainty ? ` ± ${share(each.uncertainty)}` : ""),
+    el("h3", {}, boundText(each)),
     usedBar(each.used, each.verdict),
     el("table", { class: "figures" }, el("thead", {}, el("tr", {}, el("th"), el("th", { scope: "col" }, "measured"), el("th", { scope: "col" }, each.truth === "physics" ? "bound, up to" : "bound"))), el("tbody", {}, rows)),
     el("p", { class: "quiet" }, `${thousands(each.pixels)} pixels, ${thousands(each.lit)} lit${each.notices ? `; would notice ${share(each.notices)}` : ""}`),

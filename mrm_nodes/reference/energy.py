@@ -19,7 +19,7 @@ from . import energy_formulas as formulas
 from . import microsurface as surface
 from .checks import CORRELATIONS, DISTRIBUTIONS, MASKINGS, choice, scalar
 from .compiled import Array, Kernel, run
-from .energy_formulas import ACROSS, AVERAGES, COLUMNS, FREE, ROWS, WIDEST
+from .energy_formulas import ACROSS, AVERAGES, COLUMNS, FREE, NARROW, ROWS, WIDEST, WIDTHS
 from .fresnel import DIELECTRIC
 from .quadrature import quadrature_nodes
 
@@ -101,7 +101,7 @@ def _averages(table: Array) -> Array:
     azimuth, azimuth_weight = 0.25 * np.pi * (t + 1.0), 0.5 * w
     weight = np.outer(8.0 * root**7 * root_weight, azimuth_weight)
     v = _direction(root[:, np.newaxis] ** 4, azimuth)
-    alpha = np.maximum(WIDEST * np.linspace(0.0, 1.0, AVERAGES) ** 2, 1e-6)
+    alpha = np.maximum(NARROW * np.expm1(WIDTHS * np.linspace(0.0, 1.0, AVERAGES)), 1e-9)
     pairs = np.stack(np.broadcast_arrays(alpha[:, np.newaxis], alpha), axis=-1)
     values, _ = _look_up(v, pairs[:, :, np.newaxis, np.newaxis], table)
     return np.asarray(np.einsum("ijkl,kl", 1.0 - values, weight) ** 0.25).reshape(-1, COLUMNS)

@@ -22,6 +22,10 @@ FREE = 6
 AVERAGES = 4 * COLUMNS
 #: The largest alpha along any axis, where both are at most 1: slopes that are correlated add theirs up.
 WIDEST = math.sqrt(2.0)
+#: An alpha from which on the averages' nodes are even in its logarithm, and how far apart the first and last are: what
+#: is lost on average falls by many orders of magnitude.
+NARROW = 1e-6
+WIDTHS = math.log1p(WIDEST / NARROW)
 
 
 @formula
@@ -118,8 +122,8 @@ def average_lookup(ax: float, ay: float, correlation: float, table: Array) -> fl
     apart = math.sqrt(half * half + (correlation * ax * ay) ** 2)
     major = math.sqrt(0.5 * (ax * ax + ay * ay) + apart)
     minor = ax * ay * math.sqrt(1.0 - correlation * correlation) / major
-    i, x = _cell(math.sqrt(major / WIDEST), AVERAGES)
-    j, y = _cell(math.sqrt(minor / WIDEST), AVERAGES)
+    i, x = _cell(math.log1p(major / NARROW) / WIDTHS, AVERAGES)
+    j, y = _cell(math.log1p(minor / NARROW) / WIDTHS, AVERAGES)
     near = _root_of_lost(i, j, table) * (1.0 - y) + _root_of_lost(i, j + 1, table) * y
     far = _root_of_lost(i + 1, j, table) * (1.0 - y) + _root_of_lost(i + 1, j + 1, table) * y
     root = near + (far - near) * x

@@ -91,6 +91,9 @@ class Retroreflector(ref.Closure):
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         return self._closure(v, l).throughput(v, l)
 
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        return self._closure(v, None).exact_throughput(v, weight)
+
     def _closure(self, v: ArrayLike, l: ArrayLike | None) -> ref.Closure:  # noqa: E741
         """The parts, as they are for each view, and light where it matters."""
         facing = np.abs(np.asarray(v, np.float64)[..., 2])

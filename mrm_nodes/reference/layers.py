@@ -1,8 +1,8 @@
 """MaterialX's closure trees: what `mix`, `add`, `multiply` and `layer` do with scattering functions.
 
-A closure answers `eval(v, l)`, MaterialX's response without the cosine, and `throughput(v, l)`, what it
-lets through to a layer below. Any object with `eval` and `throughput`, such as the lobes of `bsdf`, becomes
-a leaf."""
+A closure answers `eval(v, l)`, MaterialX's response without the cosine, `throughput(v, l)`, what it lets through
+to a layer below by the fit that MaterialX's shaders have of its albedo, and `exact_throughput(v)`, the same by the
+albedo itself. Any object with these three, such as the lobes of `bsdf`, becomes a leaf."""
 
 from __future__ import annotations
 
@@ -12,9 +12,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .checks import check_unit, colour, directions, scalar
+from .checks import check_unit, choice, colour, directions, scalar
 from .compiled import Array
 from .diffuse import lambert, oren_nayar
+
+LAYERINGS = {"materialx": 0, "exact": 1}
+"""How a top's share of the light is found: MaterialX's fit, or the albedo."""
 
 
 class Scatterer(Protocol):
@@ -25,6 +28,9 @@ class Scatterer(Protocol):
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
         """The share that a lower layer keeps, shape (..., 3)."""
+
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        """The same by the exact rule, shape (..., 3); what `layering="exact"` asks for, and nothing else."""
 
 
 class Closure:
@@ -41,6 +47,16 @@ class Closure:
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         """The factor of a base below this closure, as MaterialX's `layer` takes it: (..., 3)."""
+        raise NotImplementedError
+
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        """The same by the exact rule, 1 less the directional albedo towards v, and 0 of what is opaque: (..., 3).
+
+        A `layer` within counts as one of the exact rule.
+
+        Args:
+            weight: what the response is multiplied by: a number or (..., 3).
+        """
         raise NotImplementedError
 
     def _repr_png_(self) -> bytes | None:
@@ -65,6 +81,11 @@ class Leaf(Closure):
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         return self.lobe.throughput(v, l, self.weight)
 
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        return self.lobe.exact_throughput(
+            v, scalar("weight", self.weight, 0.0) * colour("weight", weight, 0.0)
+        )
+
 
 @dataclass(frozen=True)
 class Lambert:
@@ -79,6 +100,10 @@ class Lambert:
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
         """Zero, (..., 3), whatever the weight (...): it is opaque. v and l as for `lambert`."""
+        return _opaque(v)
+
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        """As `throughput`."""
         return _opaque(v)
 
 
@@ -99,6 +124,10 @@ class OrenNayar:
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
         """Zero, (..., 3), whatever the weight (...): it is opaque. v and l as for `lambert`."""
+        return _opaque(v)
+
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        """As `throughput`."""
         return _opaque(v)
 
 
@@ -126,6 +155,9 @@ class Mix(Closure):
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         return self._blend(self.fg.throughput(v, l), self.bg.throughput(v, l))
 
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        return self._blend(self.fg.exact_throughput(v, weight), self.bg.exact_throughput(v, weight))
+
 
 @dataclass(frozen=True)
 class Add(Closure):
@@ -140,33 +172,78 @@ class Add(Closure):
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         return np.maximum(self.in1.throughput(v, l) + self.in2.throughput(v, l) - 1.0, 0.0)
 
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        through = self.in1.exact_throughput(v, weight) + self.in2.exact_throughput(v, weight) - 1.0
+        return np.maximum(through, 0.0)
+
 
 @dataclass(frozen=True)
 class Multiply(Closure):
     """MaterialX's `multiply`: the response of in1 times in2, a number or (..., 3), clamped to [0, 1].
 
-    The throughput stays as it is.
+    MaterialX's throughput stays as it is. By the exact rule the albedo is multiplied too.
     """
 
     in1: Closure
     in2: ArrayLike
 
+    def _factor(self) -> Array:
+        return np.clip(colour("in2", self.in2, 0.0), 0.0, 1.0)
+
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
-        return self.in1.eval(v, l) * np.clip(colour("in2", self.in2, 0.0), 0.0, 1.0)
+        return self.in1.eval(v, l) * self._factor()
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         return self.in1.throughput(v, l)
 
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        return self.in1.exact_throughput(v, self._factor() * colour("weight", weight, 0.0))
+
 
 @dataclass(frozen=True)
 class Layer(Closure):
-    """MaterialX's `layer`: the top's response plus the base's times the top's throughput; throughputs multiply."""
+    """MaterialX's `layer`: the top's response plus the base's times the top's throughput; throughputs multiply.
+
+    By the exact rule what the top scatters and what it leaves to the base add up to no more than all of the light
+    that comes from everywhere, where the top itself makes none. It is still albedo scaling: light that the base
+    sends back to the top, and the way through it, are no part of it.
+
+    Raises:
+        ValueError: a `layering` that is none.
+    """
 
     top: Closure
     base: Closure
+    layering: str = "materialx"
+    """`materialx`, its shaders' fit of the top's albedo, or `exact`, that albedo; layers within have their own."""
+
+    def __post_init__(self) -> None:
+        choice("layering", self.layering, LAYERINGS)
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
-        return self.top.eval(v, l) + self.base.eval(v, l) * self.top.throughput(v, l)
+        is_exact = self.layering == "exact"
+        through = self.top.exact_throughput(v) if is_exact else self.top.throughput(v, l)
+        return self.top.eval(v, l) + self.base.eval(v, l) * through
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
         return self.top.throughput(v, l) * self.base.throughput(v, l)
+
+    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
+        through = self.top.exact_throughput(v) * self.base.exact_throughput(v)
+        share = colour("weight", weight, 0.0)
+        if (share == 1.0).all():
+            return through
+        # Nothing reflected leaves what is not opaque.
+        clear = self.top.exact_throughput(v, 0.0) * self.base.exact_throughput(v, 0.0)
+        return through_of(through, clear, share)
+
+
+def through_of(through: Array, clear: Array, share: Array) -> Array:
+    """An exact throughput once the response is multiplied by a share: what is reflected less is let through.
+
+    Args:
+        through: with all of the response, (..., 3).
+        clear: with none of it: 1 but for what is opaque.
+        share: the factor, at least 0.
+    """
+    return np.maximum(clear - share * (clear - through), 0.0)

@@ -299,7 +299,7 @@ def test_the_fitted_coefficients_are_the_evaluator_s_and_the_host_s():
     """Two witnesses of one fit: the evaluator follows its coefficients, and they are no formula to derive again."""
     ours = (root_path() / "glsl/lib/mrm_microfacet.glsl").read_text()
     pairs = [("phong", "vcavity"), ("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity")]
-    written = re.findall(r"^        r = vec4.*?;", ours, re.MULTILINE | re.DOTALL)
+    written = re.findall(r"^            r = vec4.*?;", ours, re.MULTILINE | re.DOTALL)
     assert written == [as_glsl(COEFFICIENTS[pair]) for pair in pairs]
     # The host's own nodes have this one.
     host = (MATERIALX_LIBRARIES / "pbrlib/genglsl/lib/mx_microfacet_specular.glsl").read_text()

@@ -184,7 +184,7 @@ def as_glsl(rows: ArrayLike) -> str:
         f"vec4({', '.join(_text(value) for value in row)}){term}"
         for row, term in zip(np.asarray(rows), _TERMS, strict=True)
     ]
-    return "        r = " + "\n            + ".join(sums) + ";"
+    return "            r = " + "\n                + ".join(sums) + ";"
 
 
 def _text(value: float) -> str:

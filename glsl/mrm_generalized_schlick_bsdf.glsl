@@ -33,6 +33,12 @@ void mrm_generalized_schlick_bsdf(ClosureData closureData, float weight, vec3 co
     {
         // The host's transmission refracts with one index, from the mean reflectivity at normal incidence.
         fd.ior = vec3(mx_f0_to_ior(dot(safeColor0, vec3(1.0 / 3.0))));
+        if (exponent == 0.0)
+        {
+            // Nothing keeps the host off the mirror angle here: color90 is the index under a film too.
+            fd.F0 = safeColor90;
+            fd.exponent = 5.0;
+        }
         bsdf.response = mrm_transmission(closureData, fd, lobe, retroreflectivity, false, vec3(1.0), N, X) * weight;
     }
 }

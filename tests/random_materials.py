@@ -13,8 +13,6 @@ from pathlib import Path
 
 import numpy as np
 
-from mrm_nodes.documents import read_document
-from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase
 from mrm_nodes.regression.suitefile import load
 from mrm_nodes.render.mesh import BUILT_IN
@@ -409,11 +407,6 @@ def write_case(folder: Path, seed: int, number: int) -> MaterialCase:
         around = EnvironmentMap(
             rng.choice(("sky", "studio")), (("rotation", float(rng.randrange(360))), ("samples", 256.0))
         )
-        try:
-            check_image_light(closure_of(read_document(home / "m.mtlx"), case.element).tree)
-        except UnknownClosure:
-            # What such a lobe shows of an environment has no model: a light at hand, instead.
-            light, around = rng.choice(LIGHTS[:4]), None
     return replace(
         case,
         name=f"{number}-{kind}-{mesh}-{light}",

@@ -163,16 +163,17 @@ def test_a_value_that_brings_in_an_unknown_lobe_changes_the_truth(folder: Path):
         (
             '<dielectric_bsdf name="b" type="BSDF"><input name="scatter_mode" type="string" value="RT" />'
             "</dielectric_bsdf>",
-            "baseline",
+            "physics",
         ),
+        ('<sheen_bsdf name="b" type="BSDF" />', "baseline"),
     ],
-    ids=["a metal", "Lambert", "rough diffuse", "a transmission"],
+    ids=["a metal", "Lambert", "rough diffuse", "a transmission", "a sheen"],
 )
-def test_in_an_environment_only_what_does_not_transmit_is_known(folder: Path, node: str, truth: str):
+def test_in_an_environment_the_same_is_known_as_by_lights(folder: Path, node: str, truth: str):
     (folder / "b.mtlx").write_text(METAL.replace('<mrm_conductor_bsdf name="b" type="BSDF" />', node))
     (around,) = cases_of(folder, '[[case]]\nmaterial = "b.mtlx"\nenvironment = "studio"')
     (lit,) = cases_of(folder, '[[case]]\nmaterial = "b.mtlx"')
-    assert (around.truth, lit.truth) == (truth, "physics")
+    assert (around.truth, lit.truth) == (truth, truth)
     assert (around.lights, len(lit.lights)) == ((), 2)
 
 

@@ -238,6 +238,68 @@ def _read(
 
 
 @formula
+def _add_filtered(
+    texels: Array,
+    levels: Array,
+    arcs: Array,
+    limits: Array,
+    x: float,
+    y: float,
+    z: float,
+    error: float,
+    of_length: float,
+    density: float,
+    of_density: float,
+    share: float,
+    light: Array,
+    moved: Array,
+    stepped: Array,
+    seen: Array,
+    other: Array,
+    elsewhere: Array,
+) -> None:
+    """Add a share of the map in a sample's direction, at the level whose texels have the sample's solid angle
+    ([FIS] eq. 11).
+
+    error, of_length: of the direction, an angle, and of its length, which is taken for 1. density: of all samples, per
+    steradian; of_density: its relative error.
+    seen, other, elsewhere: room for what is read.
+    light, moved, stepped: `_read`'s three results are added to these.
+    """
+    sine2 = max(1.0 - y * y, 1e-30)
+    of_sine2 = 2.0 * (error * math.sqrt(sine2) + of_length)
+    level = limits[0, 0] - 1.0 - LEVEL_OFFSET - 0.5 * math.log2(density * math.sqrt(sine2))
+    of_level = 0.5 * of_density / math.log(2.0) + limits[0, 2] + 16.0 * UNIT
+    near_pole = of_sine2 > 0.1 * sine2
+    if not near_pole:
+        of_level += 0.25 * of_sine2 / (0.9 * sine2 * math.log(2.0))
+    _read(texels, levels, arcs, limits, x, y, z, error, level, of_level, seen, other)
+    for j in range(3):
+        light[j] += share * seen[j]
+        moved[j] += share * seen[3 + j]
+        stepped[j] += share * seen[6 + j]
+    if not near_pole:
+        return
+    # Rounding may take any part of the sine, and so lead to any coarser level, or to the root of a negative number
+    # and so to any level.
+    here = min(max(level, 0.0), levels.shape[0] - 1.0)
+    place, most_far = 0.0, levels.shape[0] - 1.0
+    if of_sine2 < sine2:
+        place = max(here + 0.25 * math.log2(sine2 / (sine2 + of_sine2)), 0.0)
+        most_far = min(here + 0.25 * math.log2(sine2 / (sine2 - of_sine2)), most_far)
+    most_0, most_1, most_2 = 0.0, 0.0, 0.0
+    while place <= most_far:
+        _read(texels, levels, arcs, limits, x, y, z, error, place, of_level, elsewhere, other)
+        most_0 = max(most_0, abs(elsewhere[0] - seen[0]) + elsewhere[3])
+        most_1 = max(most_1, abs(elsewhere[1] - seen[1]) + elsewhere[4])
+        most_2 = max(most_2, abs(elsewhere[2] - seen[2]) + elsewhere[5])
+        place = most_far if place < most_far < math.floor(place) + 1.0 else math.floor(place) + 1.0
+    moved[0] += share * most_0
+    moved[1] += share * most_1
+    moved[2] += share * most_2
+
+
+@formula
 def _reflectance(
     kind: int,
     cosine: float,
@@ -299,10 +361,9 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
     kind, distribution, masking = modes[0], modes[1], modes[2]
     value, most, usual, white = outputs[0], outputs[1], outputs[2], outputs[3]
     count = samples.shape[0]
-    sharpest = limits[0, 0] - 1.0 - LEVEL_OFFSET
     total, shared, own, squares, bare = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     seen, other, light, moved, stepped = np.zeros(9), np.zeros(9), np.zeros(3), np.zeros(3), np.zeros(3)
-    elsewhere, range_of = np.zeros(9), np.zeros(3)
+    elsewhere = np.zeros(9)
     for i in range(start, stop):
         vx, vy, vz = views[i, 0], views[i, 1], min(max(views[i, 2], SMALLEST), 1.0)
         ax, ay, retro = alphas[i, 0], alphas[i, 1], shares[i, 0]
@@ -389,40 +450,10 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
                 x = axes[i, 0] * sx + axes[i, 3] * sy + axes[i, 6] * lz
                 y = axes[i, 1] * sx + axes[i, 4] * sy + axes[i, 7] * lz
                 z = axes[i, 2] * sx + axes[i, 5] * sy + axes[i, 8] * lz
-                error = own_light + shared_light
-                # [FIS] eq. 11: the level whose texels have a sample's solid angle.
-                sine2 = max(1.0 - y * y, 1e-30)
-                of_sine2 = 2.0 * (error * math.sqrt(sine2) + 6.0 * UNIT)
-                level = sharpest - 0.5 * math.log2(count * density * math.sqrt(sine2))
-                of_level = 0.5 * of_density / math.log(2.0) + limits[0, 2] + 16.0 * UNIT
-                near_pole = of_sine2 > 0.1 * sine2
-                if not near_pole:
-                    of_level += 0.25 * of_sine2 / (0.9 * sine2 * math.log(2.0))
-                _read(texels, levels, arcs, limits, x, y, z, error, level, of_level, seen, other)
-                for j in range(3):
-                    light[j] += share * seen[j]
-                    moved[j] += share * seen[3 + j]
-                    stepped[j] += share * seen[6 + j]
-                if near_pole:
-                    # Rounding may take any part of the sine, and so lead to any coarser level.
-                    here = min(max(level, 0.0), levels.shape[0] - 1.0)
-                    least = max(here + 0.25 * math.log2(sine2 / (sine2 + of_sine2)), 0.0)
-                    most_far = levels.shape[0] - 1.0
-                    if of_sine2 < sine2:
-                        most_far = min(here + 0.25 * math.log2(sine2 / (sine2 - of_sine2)), most_far)
-                    range_of[:] = 0.0
-                    place = least
-                    while place <= most_far:
-                        _read(texels, levels, arcs, limits, x, y, z, error, place, of_level, elsewhere, other)
-                        for j in range(3):
-                            range_of[j] = max(range_of[j], abs(elsewhere[j] - seen[j]) + elsewhere[3 + j])
-                        place = (
-                            most_far
-                            if place < most_far < math.floor(place) + 1.0
-                            else math.floor(place) + 1.0
-                        )
-                    for j in range(3):
-                        moved[j] += share * range_of[j]
+                _add_filtered(
+                    texels, levels, arcs, limits, x, y, z, own_light + shared_light, 6.0 * UNIT, count * density,
+                    of_density, share, light, moved, stepped, seen, other, elsewhere,
+                )  # fmt: skip
             whole = own_light + shared_light
             for j in range(3):
                 f = f0 if j == 0 else (f1 if j == 1 else f2)

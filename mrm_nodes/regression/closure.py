@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import MaterialX as mx
 
@@ -48,6 +48,8 @@ class Driven:
     element: str
     """Path of the output that shows it, in the closure's document."""
     channels: int
+    infinite: bool = False
+    """Whether it may be infinite."""
 
 
 Port = Value | Driven | None
@@ -105,7 +107,16 @@ class Layer:
     base: Tree
 
 
-Tree = Lobe | Nothing | Mix | Add | Multiply | Layer
+@dataclass(frozen=True)
+class Volume:
+    """MaterialX's `layer` over a volume: it absorbs a part of what comes through the surface."""
+
+    top: Tree
+    absorption: Port
+    """The exponent, for as much of the volume as MaterialX takes any light through."""
+
+
+Tree = Lobe | Nothing | Mix | Add | Multiply | Layer | Volume
 
 
 @dataclass(frozen=True)
@@ -153,7 +164,7 @@ def lobes(tree: Tree) -> Iterator[Lobe]:
         case Mix(first, second, _) | Add(first, second) | Layer(first, second):
             yield from lobes(first)
             yield from lobes(second)
-        case Multiply(inner, _):
+        case Multiply(inner, _) | Volume(inner, _):
             yield from lobes(inner)
 
 
@@ -169,26 +180,31 @@ def ports(tree: Tree) -> Iterator[Port]:
         case Add(first, second) | Layer(first, second):
             yield from ports(first)
             yield from ports(second)
-        case Multiply(inner, factor):
-            yield factor
+        case Multiply(inner, port) | Volume(inner, port):
+            yield port
             yield from ports(inner)
 
 
-def check_image_light(tree: Tree) -> None:
-    """Check that the evaluator knows what a tree shows in an environment too.
-
-    Raises:
-        UnknownClosure: it has a lobe that transmits.
-    """
+def reflecting(tree: Tree) -> Tree:
+    """The part of a tree that reflects light."""
     match tree:
-        case Lobe(path=path, inputs=inputs):
-            if inputs.get("scatter_mode", "R") != "R":
-                raise UnknownClosure(f"{path} transmits light of the environment, which has no model")
-        case Mix(first, second, _) | Add(first, second) | Layer(first, second):
-            check_image_light(first)
-            check_image_light(second)
-        case Multiply(inner, _):
-            check_image_light(inner)
+        case Lobe(inputs=inputs):
+            mode = inputs.get("scatter_mode", "R")
+            if mode == "T":
+                return Nothing(opaque=False)
+            return tree if mode == "R" else replace(tree, inputs={**inputs, "scatter_mode": "R"})
+        case Nothing():
+            return tree
+        case Mix(fg, bg, amount):
+            return Mix(reflecting(fg), reflecting(bg), amount)
+        case Add(in1, in2):
+            return Add(reflecting(in1), reflecting(in2))
+        case Multiply(in1, in2):
+            return Multiply(reflecting(in1), in2)
+        case Layer(top, base):
+            return Layer(reflecting(top), reflecting(base))
+        case Volume(top, _):
+            return reflecting(top)
 
 
 def _flatten(document: mx.Document) -> bool:
@@ -285,6 +301,12 @@ class _Reader:
             return Add(self._part(node, "in1"), self._part(node, "in2"))
         if category == "multiply":
             return Multiply(self._part(node, "in1"), self.port(node, "in2"))
+        if (
+            category == "layer"
+            and node.getInput("base") is not None
+            and node.getInput("base").getType() == "VDF"
+        ):
+            return self._over_volume(node)
         if category == "layer":
             return Layer(self._part(node, "top"), self._part(node, "base"))
         if self._has_weight(node) and self.port(node, "weight") == 0.0:
@@ -292,6 +314,20 @@ class _Reader:
         if category not in KNOWN_NODES:
             raise UnknownClosure(f"{path} is a {category}, which the evaluator does not know")
         return self._lobe(node, category, path)
+
+    def _over_volume(self, node: mx.Node) -> Tree:
+        top, below = self._part(node, "top"), _source(node.getInput("base"))
+        if below is None:
+            return top
+        if below.getCategory() != "anisotropic_vdf":
+            raise UnknownClosure(
+                f"{below.getNamePath()} is a {below.getCategory()}, which the evaluator does not know"
+            )
+        absorption = self.port(below, "absorption")
+        # The logarithm of a colour, which may be black.
+        return Volume(
+            top, replace(absorption, infinite=True) if isinstance(absorption, Driven) else absorption
+        )
 
     def _has_weight(self, node: mx.Node) -> bool:
         declared = self.definition(node)
@@ -310,7 +346,8 @@ class _Reader:
             if isinstance(value, Driven) and not value.channels:
                 raise UnknownClosure(f"{path}/{name} is driven by a graph, and is no number")
         alpha = inputs.get("roughness")
-        if category in PLAIN_NODES and isinstance(alpha, tuple) and alpha[0] != alpha[1]:
+        reflects = inputs.get("scatter_mode") != "T"
+        if category in PLAIN_NODES and reflects and isinstance(alpha, tuple) and alpha[0] != alpha[1]:
             raise UnknownClosure(
                 f"{path} is an anisotropic {category}, whose masking MaterialX approximates; mrm_{category} is exact"
             )

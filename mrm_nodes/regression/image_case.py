@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import material
 from mrm_nodes.regression.cases import Case
-from mrm_nodes.regression.closure import DIFFUSE_NODE, Layer, Lobe, Port, Tree
+from mrm_nodes.regression.closure import DIFFUSE_NODE, Layer, Lobe, Port, Tree, reflecting
 from mrm_nodes.regression.compare import (
     Bounds,
     Figures,
@@ -130,10 +130,10 @@ def _in_environment(
     lights = [each.data(drawn.camera) for each in case.lights]
     with timed(outcome, "reference"):
         reference, bounds = shade_tree(tree, points, lights, resolve, around)
-        seen = shade_tree(tree, points, [], resolve, around)[0] if lights else reference
-        chosen = some_of(len(seen))
-        truth = light_tree(tree, points.at(chosen), light, resolve)
-        outcome.details = {"image_light": beside_integral(seen[chosen], truth, light.samples)}
+        some, reflected = points.at(some_of(len(position))), reflecting(tree)
+        seen, _ = shade_tree(reflected, some, [], resolve, around)
+        truth = light_tree(reflected, some, light, resolve)
+        outcome.details = {"image_light": beside_integral(seen, truth, light.samples)}
     with timed(outcome, "compare"):
         return _within(drawn, reference, bounds)
 

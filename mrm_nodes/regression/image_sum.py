@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes.reference import image_light
+from mrm_nodes.library import host
+from mrm_nodes.reference import image_light, refracted_light
 from mrm_nodes.reference.image_light import AXES, UNIT, VIEW, Driver, Map, Sum
 from mrm_nodes.regression.compare import fresnel_bounds, lobe_bounds
 from mrm_nodes.regression.environment_reference import compensation, view_in
@@ -134,9 +135,7 @@ def _prefiltered(
     bsdf: Any, values: Mapping[str, Any], v: Array, frame: Array, mirrored: bool, around: Surroundings
 ) -> Sum:
     """The split sum: one look-up in the mirrored view, and back along it, at a level for alpha, times the albedo."""
-    alpha = np.clip(as_float32(values["roughness"]), image_light.SMALLEST, 1.0)
-    mean = np.sqrt(alpha[..., 0] * alpha[..., 1])
-    level = np.where(mean < 0.25, np.sqrt(mean), 0.5 * mean + 0.375) * (around.levels - 1)
+    level, of_level = _level(values, around)
     retro = np.clip(as_float32(values["retroreflectivity"]), 0.0, 1.0)[..., None]
     if mirrored:
         retro = np.ones(1)
@@ -145,11 +144,80 @@ def _prefiltered(
     for share, local in ((1.0 - retro, reflected), (retro, v)):
         toward = around.turned(np.einsum("nji,nj->ni", frame, local))
         seen = image_light.look_up(
-            _map(around.environment), toward, VIEW + AXES, level, 8 * UNIT * around.levels, around.driver
+            _map(around.environment), toward, VIEW + AXES, level, of_level, around.driver
         )
         value, most, usual = value + share * seen.value, most + share * seen.most, usual + share * seen.usual
     albedo = image_light.split_sum_albedo(bsdf, v)
     return Sum(value * albedo, most * albedo, usual * albedo, value)
+
+
+def _level(values: Mapping[str, Any], around: Surroundings) -> tuple[Array, float]:
+    """The mip level for alpha of the prefiltered method, and its error."""
+    alpha = np.clip(as_float32(values["roughness"]), image_light.SMALLEST, 1.0)
+    mean = np.sqrt(alpha[..., 0] * alpha[..., 1])
+    level = np.where(mean < 0.25, np.sqrt(mean), 0.5 * mean + 0.375) * (around.levels - 1)
+    return level, 8 * UNIT * around.levels
+
+
+def transmits(values: Mapping[str, Any]) -> bool:
+    """Whether a node with these inputs lets light through."""
+    return "T" in values.get("scatter_mode", "R")
+
+
+def transmitted_sum(
+    node: str,
+    values: Mapping[str, Any],
+    view: Array,
+    frame: Array,
+    around: Surroundings,
+    own: bool = True,
+) -> Sum:
+    """What a node that transmits, of weight 1, shows of what lies behind it, tint included: as MaterialX has it, GGX.
+
+    Only our dielectric has `retro_transmission`, by which its `retroreflectivity` counts here too.
+
+    own: whether it is ours, or MaterialX's.
+    """
+    plain = {**values, "distribution": "ggx", "masking": "smith"}
+    index = refracted_light.host_index(evaluator(node, plain, compensated=False))
+    if own and "exponent" in plain:
+        # A curve with the exponent 0 is its colour at 90 degrees, also for the phase of a film.
+        exponent, color0, color90 = (as_float32(plain[name]) for name in ("exponent", "color0", "color90"))
+        plain["color0"] = np.where((exponent == 0.0)[..., None], color90, color0)
+        plain["exponent"] = np.where(exponent == 0.0, 5.0, exponent)
+    bsdf = evaluator(node, plain, compensated=False)
+    retro = np.zeros(1)
+    if values.get("retro_transmission", False):
+        retro = np.clip(as_float32(values["retroreflectivity"]), 0.0, 1.0)[..., None]
+    v = view_in(frame, view)
+    map_, inside = _map(around.environment), around.turned(frame)
+    if around.method == "fis":
+        found = refracted_light.refracted_samples(
+            bsdf, index, retro, v, inside, map_, around.environment.samples, around.levels, around.driver
+        )
+    else:
+        level, of_level = _level(values, around)
+        seen = refracted_light.refracted_look_up(
+            index, retro, v, inside, map_, level, of_level, around.driver
+        )
+        share = refracted_light.transmitted_share(bsdf, v, host().prefilters_by_albedo)
+        size = np.abs(share)
+        of_share = seen.value * refracted_light.SHARE * np.maximum(np.abs(1.0 - share), 1.0)
+        found = Sum(seen.value * share, seen.most * size + of_share, seen.usual * size + of_share, seen.value)
+    tint = np.maximum(as_float32(values.get("tint", 1.0)), 0.0)
+    arithmetic = lobe_bounds(1.0, "ggx")
+    of_fresnel = fresnel_bounds(np.asarray(values["thinfilm_thickness"]) > 0)
+    scale = tint * around.environment.intensity
+
+    def allowed(error: Array, relative: Array, fresnel: Array) -> Array:
+        return np.asarray((error + np.abs(found.value) * relative + found.white * fresnel) * scale)
+
+    return Sum(
+        found.value * scale,
+        allowed(found.most, arithmetic.max_rel, of_fresnel.max_rel),
+        allowed(found.usual, arithmetic.p999_rel, of_fresnel.p999_rel),
+        found.white * scale,
+    )
 
 
 def diffuse_sum(

@@ -17,7 +17,7 @@ from mrm_nodes import documents, external
 from mrm_nodes.elements import descendant
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
-from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of
+from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of, reflecting
 from mrm_nodes.regression.compare import Bounds, compare, relative_error, why_undecided
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
@@ -389,7 +389,7 @@ class _Bench:
                 if not drawn.mask[mask].all():
                     raise MrmError(f"{self.case.material}: {port.element} is not seen where the material is")
                 values = drawn.image[mask].astype(np.float64)
-                if not np.isfinite(values).all():
+                if np.isnan(values).any() or not (port.infinite or np.isfinite(values).all()):
                     raise MrmError(
                         f"{self.case.material}: {port.element} is NaN or infinite where it is seen"
                     )
@@ -434,8 +434,9 @@ def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expec
         return found[chosen] if isinstance(port, Driven) else found
 
     with timed(bench.outcome, "reference"):
-        seen, _ = shade_tree(closure.tree, points.at(chosen), [], at_some, around)
-        truth = light_tree(closure.tree, points.at(chosen), light, at_some)
+        some, reflected = points.at(chosen), reflecting(closure.tree)
+        seen, _ = shade_tree(reflected, some, [], at_some, around)
+        truth = light_tree(reflected, some, light, at_some)
     bench.outcome.details = {"image_light": beside_integral(seen, truth, light.samples)}
 
 

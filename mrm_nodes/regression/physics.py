@@ -37,7 +37,13 @@ from mrm_nodes.regression.environment_reference import (
     irradiance,
     reflected_radiance,
 )
-from mrm_nodes.regression.image_sum import Surroundings, diffuse_sum, lobe_sum
+from mrm_nodes.regression.image_sum import (
+    Surroundings,
+    diffuse_sum,
+    lobe_sum,
+    transmits,
+    transmitted_sum,
+)
 from mrm_nodes.regression.material import as_float32
 from mrm_nodes.regression.reference_image import (
     SMALLEST_ALPHA,
@@ -95,11 +101,15 @@ def shade_tree(
                 tree, view, functools.partial(_Judged.judge, v=view, l=direction, cosine=cosine)
             )
 
-        surroundings = (
-            None
-            if around is None
-            else placed.judge(tree, view, functools.partial(_Judged.judge_around, v=view, around=around))
-        )
+        surroundings = []
+        if around is not None:
+            # Two closures of MaterialX's: each has its own layers.
+            surroundings = [
+                placed.judge(tree, view, functools.partial(_Judged.judge_around, v=view, around=around)),
+                placed.judge(
+                    tree, view, functools.partial(_Judged.judge_through, v=view, around=around), True
+                ),
+            ]
         return _lit(lights, points.position, view, part_of, surroundings)
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
@@ -110,13 +120,13 @@ def _lit(
     position: Array,
     view: Array,
     part_of: Callable[[Array, float], _Part],
-    around: _Part | None = None,
+    around: Sequence[_Part] = (),
 ) -> tuple[Array, Bounds]:
     """The sum of what an environment gives and of all lights, whose part is that of a direction and of what its cosine
     is off by."""
     reference, most, usual = (np.zeros(view.shape) for _ in range(3))
-    if around is not None:
-        reference, most, usual = reference + around.value, most + around.most, usual + around.usual
+    for part in around:
+        reference, most, usual = reference + part.value, most + part.most, usual + part.usual
     for light in lights:
         direction, intensity = light_at(light, position)
         errors = light_errors(light, position)
@@ -154,6 +164,15 @@ def shade_node(
         return lobe.judge(view, direction, cosine).over(below.judge(view, direction, cosine))
 
     return _lit(lights, position, view, both)
+
+
+def surround_node(
+    node: str, values: Mapping[str, Any], view: Array, frame: Array, around: Surroundings
+) -> tuple[Array, Bounds]:
+    """`shade_node` in an environment, without lights."""
+    lobe = _Judged(node, values, frame)
+    around_it = [lobe.judge_around(view, around), lobe.judge_through(view, around)]
+    return _lit([], view, view, lambda direction, cosine: lobe.judge(view, direction, cosine), around_it)
 
 
 def respond(tree: Tree, points: Points, direction: Array, resolve: Resolve) -> Array:
@@ -222,10 +241,14 @@ class _Placed:
                 return layers.Multiply(self.tree(in1, kind), np.clip(self._number(in2), 0.0, 1.0))
             case closure.Layer(top, base):
                 return layers.Layer(self.tree(top, kind), self.tree(base, kind))
+            case closure.Volume(top, _):
+                return self.tree(top, kind)
 
-    def judge(self, tree: Tree, v: Array, judged: Callable[[_Judged], _Part]) -> _Part:
+    def judge(self, tree: Tree, v: Array, judged: Callable[[_Judged], _Part], through: bool = False) -> _Part:
         """A tree's response to a light, and what float32 may make of it: each lobe's own error, times what the tree
-        passes on of the lobe. judged: a lobe's own.
+        passes on of the lobe.
+
+        judged: a lobe's own. through: whether that is what comes through the surface, and so through volumes.
         """
         match tree:
             case Lobe(path=path):
@@ -236,13 +259,18 @@ class _Placed:
                 return _Part.nothing(v, 0.0 if opaque else 1.0)
             case closure.Mix(fg, bg, amount):
                 share = self._number(amount)[..., None]
-                return self.judge(fg, v, judged).mixed(self.judge(bg, v, judged), share)
+                front, back = (self.judge(each, v, judged, through) for each in (fg, bg))
+                return front.mixed(back, share)
             case closure.Add(in1, in2):
-                return self.judge(in1, v, judged).added(self.judge(in2, v, judged))
+                return self.judge(in1, v, judged, through).added(self.judge(in2, v, judged, through))
             case closure.Multiply(in1, in2):
-                return self.judge(in1, v, judged).times(_colour(np.clip(self._number(in2), 0.0, 1.0)))
+                factor = _colour(np.clip(self._number(in2), 0.0, 1.0))
+                return self.judge(in1, v, judged, through).times(factor)
             case closure.Layer(top, base):
-                return self.judge(top, v, judged).over(self.judge(base, v, judged))
+                return self.judge(top, v, judged, through).over(self.judge(base, v, judged, through))
+            case closure.Volume(top, absorption):
+                inside = self.judge(top, v, judged, through)
+                return inside.absorbed(self._number(absorption)) if through else inside
 
     def _number(self, port: Port) -> Array:
         return as_float32(self._resolve(port))
@@ -292,7 +320,12 @@ def _check_normal(lobe: Lobe, normal: Array | None) -> None:
 
 def _check_roughness(lobe: Lobe, values: Mapping[str, Any]) -> None:
     alpha = _alpha(values)
-    if lobe.node in PLAIN_NODES and not np.allclose(alpha[..., 0], alpha[..., 1], rtol=1e-6, atol=0.0):
+    reflects = values.get("scatter_mode") != "T"
+    if (
+        lobe.node in PLAIN_NODES
+        and reflects
+        and not np.allclose(alpha[..., 0], alpha[..., 1], rtol=1e-6, atol=0.0)
+    ):
         raise MrmError(
             f"{lobe.path}/roughness is anisotropic, and MaterialX approximates the masking of such a "
             f'{lobe.node}: give the case truth = "baseline", or use mrm_{lobe.node}, which is exact'
@@ -430,6 +463,20 @@ class _Part:
         """As MaterialX's `multiply` has it: the throughput stays."""
         return replace(self, value=self.value * factor, most=self.most * factor, usual=self.usual * factor)
 
+    def absorbed(self, exponent: Array) -> _Part:
+        """Through a volume that leaves e^-exponent, `(n, 3)` or `(3,)`, of it."""
+        left = np.exp(-exponent)
+        # As exact as Vulkan asks of an exponential.
+        error = left * 2 * UNIT * (3.0 + 2.0 * np.where(left > 0.0, np.abs(exponent), 0.0))
+        return _Part(
+            self.value * left,
+            self.most * left + np.abs(self.value) * error,
+            self.usual * left + np.abs(self.value) * error,
+            self.through * left,
+            self.through_most * left + self.through * error,
+            self.through_usual * left + self.through * error,
+        )
+
     def over(self, base: _Part) -> _Part:
         """As the top of a layer."""
         return _Part(
@@ -498,6 +545,8 @@ class _Judged(_Response):
                 of_albedo = _lost_albedo(cosine, as_float32(self.values["roughness"])[..., None])[1]
             seen = diffuse_sum(self.values, v, self.frame, around, of_albedo)
             through, unsure = np.zeros(v.shape), np.zeros(1)
+        elif self.values.get("scatter_mode") == "T":
+            return _Part.nothing(v, 1.0)
         else:
             mirrors = not self.node.startswith("mrm_")
             seen = lobe_sum(_our_name(self.node), self.values, v, self.frame, around, mirrors)
@@ -509,6 +558,29 @@ class _Judged(_Response):
             through,
             unsure * (THROUGH_MAX + self._fresnel.max_rel),
             unsure * (THROUGH_P999 + self._fresnel.p999_rel),
+        )
+
+    def judge_through(self, v: Array, around: Surroundings) -> _Part:
+        """What it shows of what lies behind it, and what float32 may make of that."""
+        if self.lobe is None or self.node.endswith("conductor_bsdf"):
+            return _Part.nothing(v, 0.0)
+        weight = self.weight[..., None]
+        # Nothing is reflected by a node that only transmits, and yet it is missing here.
+        both = {**self.values, "scatter_mode": "R"}
+        through = evaluator(_our_name(self.node), both).throughput(self._local(v), None, self.weight)
+        none = np.zeros(v.shape)
+        value, most, usual = none, none, none
+        if transmits(self.values):
+            own = self.node.startswith("mrm_")
+            seen = transmitted_sum(_our_name(self.node), self.values, v, self.frame, around, own)
+            value, most, usual = seen.value * weight, seen.most * weight, seen.usual * weight
+        return _Part(
+            value,
+            most,
+            usual,
+            through,
+            weight * (THROUGH_MAX + self._fresnel.max_rel),
+            weight * (THROUGH_P999 + self._fresnel.p999_rel),
         )
 
     def _relative(self, view: Array, light: Array, of_light: float) -> Bounds:

@@ -24,7 +24,7 @@ import pydantic
 from mrm_nodes import documents, elements, external, filenames
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.library import shared_library
-from mrm_nodes.regression.closure import UnknownClosure, check_image_light, closure_of
+from mrm_nodes.regression.closure import UnknownClosure, closure_of
 from mrm_nodes.regression.material import Value
 from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
 from mrm_nodes.regression.patterns import files_matching
@@ -529,12 +529,11 @@ class _Maker:
         settings: Settings,
     ) -> tuple[Truth, str]:
         wanted = settings.truth or "auto"
-        surrounded = settings.environment is not None
         wrong = self._wrong(material, element)
         if wrong:
             return ("baseline" if wanted == "baseline" else "physics"), wrong
         try:
-            unknown = self._unknown(material, element, tuple(sorted(inputs.items())), surrounded)
+            unknown = self._unknown(material, element, tuple(sorted(inputs.items())))
         except MrmError as error:
             raise Fault((*here, "input" if inputs else "material"), str(error)) from None
         if wanted == "baseline":
@@ -571,12 +570,10 @@ class _Maker:
         _, found = self._as_read(material)
         return tuple(map(self._relative, found))
 
-    def _unknown(
-        self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
-    ) -> str:
-        """Why the evaluator has no model of a material, in an environment or without, or nothing."""
+    def _unknown(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
+        """Why the evaluator has no model of a material, or nothing."""
         alike = tuple((path, _alike(value)) for path, value in inputs)
-        return self._unknown_alike(material, element, alike, surrounded)
+        return self._unknown_alike(material, element, alike)
 
     @_remembered
     def _checked(self, material: str, element: str, path: str, value: Value) -> tuple[str, ...]:
@@ -605,14 +602,10 @@ class _Maker:
         return with_values(document, values, material)
 
     @_remembered
-    def _unknown_alike(
-        self, material: str, element: str, inputs: tuple[tuple[str, Value], ...], surrounded: bool
-    ) -> str:
+    def _unknown_alike(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
         try:
             document = self._with_values(material, dict(inputs)) if inputs else self._document(material)
-            closure = closure_of(document, element)
-            if surrounded:
-                check_image_light(closure.tree)
+            closure_of(document, element)
         except UnknownClosure as error:
             return str(error)
         return ""

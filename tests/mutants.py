@@ -310,7 +310,9 @@ class _CloudCase:
 
     def __init__(self, task: Cloud, workshop: _Shaders) -> None:
         self.name, self.node, self._workshop = task.name, task.node, workshop
-        self._key = task.structure
+        self._key, self.method = task.structure, task.method
+        self.is_around = task.environment is not None
+        """Whether light comes from a map."""
         self._spy = _Spy(workshop.renderer)
         shader = self._shader()
         self.source = shader.pixel
@@ -320,7 +322,11 @@ class _CloudCase:
 
     def _shader(self) -> Shader:
         attributes = cloud.attributes_of(self.node)
-        return self._workshop.shader(self._key, lambda: material.document(self.node, attributes=attributes))
+        return self._workshop.shader(
+            self._key,
+            lambda: material.document(self.node, attributes=attributes),
+            environment=self.method,
+        )
 
     def fails_at_once(self) -> bool:
         """Whether one of the first configurations is beyond its bound: then all together are."""
@@ -423,6 +429,8 @@ class Suite:
         """By function, the mutants of the nodes as the clouds compile them, which hold all that the cases compile."""
         found: dict[str, list[Mutant]] = {}
         for each in self.clouds:
+            if each.method != "fis":
+                continue
             for source, method in ((each.source, ""), (each.source.replace(*_OTHER_METHOD, 1), PREFILTERED)):
                 for name, made in _reached_mutants(source).items():
                     if all(known[0].before != made[0].before for known in found.values()):
@@ -453,8 +461,10 @@ class Suite:
             of_method = PREFILTERED in mutant.function
             likely = [each for each in around if ("prefilter" in each.name) == of_method]
             trials += [(each.name, each.fails) for each in likely[:6]]
+        elif "transmission" in mutant.function:
+            trials += [(each.name, each.fails_at_once) for each in own if each.is_around]
         else:
-            trials += [(each.name, each.fails_at_once) for each in own]
+            trials += [(each.name, each.fails_at_once) for each in own if not each.is_around]
             trials += [(each.name, each.fails) for each in images if "over-diffuse" in each.name]
         if not quickly:
             trials = [(each.name, each.fails) for each in (*around, *images, *own)]
@@ -507,6 +517,7 @@ class _Spy:
 
     def __init__(self, renderer: Any) -> None:
         self._renderer = renderer
+        self.backend: str = renderer.backend
         self.calls: list[tuple[dict[str, Any], dict[str, Any]]] = []
 
     def draw_points(self, shader: Shader, attributes: dict[str, Any], **others: Any) -> dict[str, Any]:

@@ -309,45 +309,93 @@ def _lights() -> Iterator[Case]:
     yield _case(NODES[0], "plane-from-behind", half, mesh="plane", camera=behind, lights=AROUND)
 
 
+def _lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> Case:
+    """A case in image light."""
+    options = {"lights": (), "environment": light, "size": (64, 64), **others}
+    return _case(node, what, inputs, **options)
+
+
 def _image_lights() -> Iterator[Case]:
-    """Image light: every map, both methods, every pair of distribution and masking, a film, a base, the mirror."""
-
-    def lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> Case:
-        options = {"lights": (), "environment": light, "size": (64, 64), **others}
-        return _case(node, what, inputs, **options)
-
+    """Image light: every map, both methods, every pair of distribution and masking, a film, a base, the mirror, and
+    what is seen through each node that transmits."""
     conductor, dielectric, schlick = NODES
     for name, node, weight in itertools.product(MAPS, NODES, WEIGHTS):
         values: dict[str, Value] = {"retroreflectivity": weight}
         # In a map that is the same all around, samples have nothing to find.
         light = MapLight(name, rotation=30.0, samples=16 if name == "white" else 64)
-        yield lit(node, f"in-{name}-retro{weight:g}", values, light)
+        yield _lit(node, f"in-{name}-retro{weight:g}", values, light)
     for node, weight in itertools.product(NODES, WEIGHTS):
         values = {"retroreflectivity": weight}
         light = MapLight("sky", rotation=30.0, method="prefilter")
-        yield lit(node, f"in-sky-prefilter-retro{weight:g}", values, light)
+        yield _lit(node, f"in-sky-prefilter-retro{weight:g}", values, light)
     half: dict[str, Value] = {"retroreflectivity": 0.5}
     for (distribution, masking), (node, alpha) in itertools.product(
         IMAGE_LIGHT_PAIRS, zip(NODES, (ALPHAS[2], ALPHAS[1], ALPHAS[4]), strict=True)
     ):
         pair: dict[str, Value] = {**half, "distribution": distribution, "masking": masking}
         what = f"in-studio-{distribution}-{masking}-{_width(alpha)}"
-        yield lit(node, what, pair, MapLight("studio", samples=32), alpha=alpha)
+        yield _lit(node, what, pair, MapLight("studio", samples=32), alpha=alpha)
     for node, alpha in itertools.product(NODES, (ALPHAS[0], ALPHAS[3], ALPHAS[4])):
-        yield lit(
+        yield _lit(
             node, f"in-sky-{_width(alpha)}", half, MapLight("sky", rotation=75.0, samples=32), alpha=alpha
         )
     sharp = MapLight("studio", samples=256, filtered=False)
-    yield lit(conductor, "in-studio-unfiltered", half, sharp)
+    yield _lit(conductor, "in-studio-unfiltered", half, sharp)
     film: dict[str, Value] = {"thinfilm_thickness": 550.0, "thinfilm_ior": 1.33}
     for node in NODES:
-        yield lit(
+        yield _lit(
             node, "film550nm-in-studio", {**half, **film}, MapLight("studio", samples=32), alpha=(0.3, 0.3)
         )
-    yield lit(dielectric, "over-diffuse-in-sky", half, MapLight("sky"), base=(0.8, 0.2, 0.1))
-    yield lit(schlick, "in-sky-and-lights", half, MapLight("sky"), lights=AROUND)
+    yield _lit(dielectric, "over-diffuse-in-sky", half, MapLight("sky"), base=(0.8, 0.2, 0.1))
+    yield _lit(schlick, "in-sky-and-lights", half, MapLight("sky"), lights=AROUND)
     above = Camera(position=(0.5, 2.0, 1.0), fov=45.0)
     for node in NODES:
         values = {"retroreflectivity": 1.0}
         options = {"mesh": "floor", "camera": above, "mirrored": True, "alpha": (0.3, 0.1)}
-        yield lit(node, "mirror-in-sky", values, MapLight("sky", rotation=30.0), **options)
+        yield _lit(node, "mirror-in-sky", values, MapLight("sky", rotation=30.0), **options)
+    sky = MapLight("sky", rotation=30.0)
+    through: dict[str, Value] = {**half, "retro_transmission": True}
+    yield _lit(dielectric, "through-in-sky", {**through, "scatter_mode": "RT"}, sky)
+    yield _lit(schlick, "through-in-sky", {**CLEAR, **half, "scatter_mode": "T"}, sky)
+    prefiltered = replace(sky, method="prefilter")
+    yield _lit(dielectric, "through-in-sky-prefilter", {**through, "scatter_mode": "T"}, prefiltered)
+    yield _lit(schlick, "through-in-sky-prefilter", {**CLEAR, **half, "scatter_mode": "RT"}, prefiltered)
+
+
+CLEAR: Mapping[str, Value] = {"color0": (0.08, 0.05, 0.03)}
+"""A Schlick lobe of which most is let through."""
+
+
+def more_image_lights() -> list[Case]:
+    """What is seen through the nodes, for the suite `full`: every weight, pair, width and method, a film, a base."""
+    found = []
+    _, dielectric, schlick = NODES
+    sky = MapLight("sky", rotation=30.0)
+    pairs = (("ggx", "smith"), *IMAGE_LIGHT_PAIRS)
+    methods = {"fis": sky, "prefilter": replace(sky, method="prefilter")}
+    for mode, (method, light) in itertools.product(("T", "RT"), methods.items()):
+        for weight, (distribution, masking) in itertools.product(WEIGHTS, pairs):
+            values: dict[str, Value] = {"scatter_mode": mode, "retroreflectivity": weight}
+            values |= {"distribution": distribution, "masking": masking}
+            what = f"through-{mode}-{method}-{distribution}-{masking}-retro{weight:g}"
+            found.append(_lit(dielectric, what, {**values, "retro_transmission": True}, light))
+            if weight == 0.5:
+                found.append(_lit(schlick, what, {**CLEAR, **values}, light))
+        for node, alpha in itertools.product((dielectric, schlick), ALPHAS):
+            values = {"scatter_mode": mode} if node == dielectric else {**CLEAR, "scatter_mode": mode}
+            what = f"through-{mode}-{method}-{_width(alpha)}"
+            found.append(_lit(node, what, values, replace(light, map="studio"), alpha=alpha))
+            film: dict[str, Value] = {"thinfilm_thickness": 550.0, "thinfilm_ior": 1.33}
+            found.append(_lit(node, f"{what}-film", {**values, **film}, light, alpha=alpha))
+        for index in (0.3, 0.7, 1.0, 1.1, 3.0):
+            values = {"scatter_mode": mode, "ior": index}
+            found.append(_lit(dielectric, f"through-{mode}-{method}-ior{index:g}", values, light))
+        below = (0.8, 0.2, 0.1)
+        found.append(
+            _lit(
+                dielectric, f"through-{mode}-{method}-over-diffuse", {"scatter_mode": mode}, light, base=below
+            )
+        )
+        at_0: dict[str, Value] = {"exponent": 0.0, "color90": (0.1, 0.2, 0.3), "scatter_mode": mode}
+        found.append(_lit(schlick, f"through-{mode}-{method}-exponent0", {**at_0, **film}, light))
+    return found

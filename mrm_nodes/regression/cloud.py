@@ -1,8 +1,8 @@
 """The configuration cloud: random inputs and directions, each evaluated by the real generated shader.
 
 Every varying input of the node becomes a vertex attribute, so one draw of points evaluates as many
-configurations as it has points. A draw has one directional light; view, normal and tangent are free for each
-point, through its position, and so is every pair of directions in the shading frame.
+configurations as it has points. A draw has one directional light, or light from all around; view, normal and tangent
+are free for each point, through its position, and so is every pair of directions in the shading frame.
 """
 
 from __future__ import annotations
@@ -12,16 +12,18 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.regression import material
+from mrm_nodes.regression.cases import MapLight
 from mrm_nodes.regression.compare import FLOOR, Bounds, Figures, Verdict, compare, decided, relative_error
 from mrm_nodes.regression.outcome import Outcome, timed
 from mrm_nodes.regression.reference_image import evaluator, shading_frame
 from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.render.arithmetic import measure
 from mrm_nodes.render.scene import Camera, DirectionalLight
 
 Array = NDArray[np.float64]
@@ -56,6 +58,10 @@ class Cloud:
     masking: str = "smith"
     configurations: int = 250_000
     seed: int = 0
+    environment: MapLight | None = None
+    """Light from all around, in place of a light."""
+    scatter_mode: str = "R"
+    """Of a node that may transmit; one with `retro_transmission` has it where it does."""
 
     @property
     def kind(self) -> str:
@@ -68,15 +74,31 @@ class Cloud:
         return "glsl"
 
     @property
-    def structure(self) -> tuple[str, str]:
+    def structure(self) -> tuple[str, str, str]:
         """Clouds whose structure is equal share one shader."""
-        return ("cloud", self.node)
+        return ("cloud", self.node, self.method)
+
+    @property
+    def method(self) -> Literal["fis", "prefilter"]:
+        """How its shader evaluates image light."""
+        return "fis" if self.environment is None else self.environment.method
+
+    @property
+    def choices(self) -> dict[str, Any]:
+        """The values that all of its configurations have."""
+        values = {"distribution": self.distribution, "masking": self.masking}
+        if self.scatter_mode == "R":
+            return values
+        turned = {"retro_transmission": True} if self.node == "mrm_dielectric_bsdf" else {}
+        return {**values, "scatter_mode": self.scatter_mode, **turned}
 
     @property
     def name(self) -> str:
-        return (
-            f"cloud-{self.node.removeprefix('mrm_').removesuffix('_bsdf')}-{self.distribution}-{self.masking}"
-        )
+        short = self.node.removeprefix("mrm_").removesuffix("_bsdf")
+        mode = "" if self.scatter_mode == "R" else f"-{self.scatter_mode}"
+        around = self.environment
+        where = "" if around is None else f"-in-{around.map}{'-prefilter' * (self.method == 'prefilter')}"
+        return f"cloud-{short}-{self.distribution}-{self.masking}{mode}{where}"
 
     def describe(self) -> dict[str, Any]:
         """What it is, for the report."""
@@ -85,6 +107,8 @@ class Cloud:
             "masking": self.masking,
             "configurations": self.configurations,
             "seed": self.seed,
+            "scatter_mode": self.scatter_mode,
+            "environment": None if self.environment is None else repr(self.environment),
         }
 
     def files(self) -> tuple[Path, ...]:
@@ -212,11 +236,16 @@ def attributes_of(node: str) -> tuple[str, ...]:
 
 
 def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, NDArray[Any]]]:
-    from mrm_nodes.regression.physics import shade_node
+    from mrm_nodes.regression.image_sum import Surroundings
+    from mrm_nodes.regression.physics import shade_node, surround_node
 
     rng = np.random.default_rng([cloud.seed, zlib.crc32(cloud.name.encode())])
-    fixed = material.complete(cloud.node, {"distribution": cloud.distribution, "masking": cloud.masking})
-    uniforms = {"distribution": cloud.distribution, "masking": cloud.masking}
+    fixed = material.complete(cloud.node, cloud.choices)
+    uniforms = material.uniform_values(cloud.node, cloud.choices)
+    environment = None if cloud.environment is None else cloud.environment.load()
+    around = None
+    if environment is not None:
+        around = Surroundings(environment, measure(renderer.backend), cloud.method)
     for start in range(0, cloud.configurations, CHUNK):
         n = min(CHUNK, cloud.configurations - start)
         inputs = random_inputs(cloud.node, rng, n)
@@ -226,6 +255,7 @@ def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, NDAr
         to_light = material.as_float32(_on_sphere(rng, 1)[0])
         eye = material.as_float32(rng.uniform(-1, 1, 3) * rng.integers(2))
         lamp = DirectionalLight(direction=tuple(-to_light), color=(1.0, 1.0, 1.0), intensity=1.0)
+        lit = {"lights": [lamp]} if environment is None else {"environment": environment}
         start_of_draw = time.perf_counter()
         drawn = renderer.draw_points(
             shader,
@@ -234,14 +264,17 @@ def _chunks(cloud: Cloud, renderer: Any, shader: Any) -> Iterator[dict[str, NDAr
                 **{name: inputs[name] for name in attributes_of(cloud.node)},
             },
             camera_position=tuple(eye),
-            lights=[lamp],
-            uniforms=material.uniform_values(cloud.node, uniforms),
+            uniforms=uniforms,
+            **lit,
         )
         render_seconds = time.perf_counter() - start_of_draw
-        lights = [lamp.data(Camera(position=tuple(eye), target=tuple(eye + 1.0)))]
         view, frame = shading_frame(drawn["position"], drawn["normal"], drawn["tangent"], eye)
-        position = drawn["position"].astype(np.float64)
-        reference, bounds = shade_node(cloud.node, values, view, frame, position, lights)
+        if around is None:
+            lights = [lamp.data(Camera(position=tuple(eye), target=tuple(eye + 1.0)))]
+            position = drawn["position"].astype(np.float64)
+            reference, bounds = shade_node(cloud.node, values, view, frame, position, lights)
+        else:
+            reference, bounds = surround_node(cloud.node, values, view, frame, around)
         film = inputs["thinfilm_thickness"] > 0
         alpha = np.min(inputs["roughness"], axis=-1)
         yield {
@@ -447,7 +480,9 @@ def judge(cloud: Cloud, workshop: Workshop, outcome: Outcome, folder: Path) -> N
     attributes = attributes_of(cloud.node)
     with timed(outcome, "generate"):
         shader = workshop.shader(
-            cloud.structure, lambda: material.document(cloud.node, attributes=attributes)
+            cloud.structure,
+            lambda: material.document(cloud.node, attributes=attributes),
+            environment=cloud.method,
         )
     start = time.perf_counter()
     result = run_cloud(cloud, workshop.renderer, shader)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases import default_suite
+from mrm_nodes.regression.cases import MapLight, default_suite, more_image_lights
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
 from mrm_nodes.regression.outcome import Task
@@ -19,6 +19,7 @@ from mrm_nodes.regression.textured import (
     more_textured_cases,
     surrounded_cases,
     textured_cases,
+    transmitting_cases,
 )
 
 AnyTask = TypeVar("AnyTask", bound=Task)
@@ -27,6 +28,8 @@ CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("
 BUILT_IN = ("default", "full")
 CONFIGURATIONS = 1_000_000
 """Random configurations of each node in the default suite."""
+_PER_TRANSMITTING = 100
+"""Times fewer are those of a cloud in image light: each is a sum over samples."""
 
 
 def clouds(configurations: int = CONFIGURATIONS) -> list[Cloud]:
@@ -35,6 +38,23 @@ def clouds(configurations: int = CONFIGURATIONS) -> list[Cloud]:
         return []
     each = -(-configurations // len(CLOUD_PAIRS))
     return [Cloud(node, *pair, configurations=each) for node in NODES for pair in CLOUD_PAIRS]
+
+
+def transmitting_clouds(configurations: int = CONFIGURATIONS, every: bool = False) -> list[Cloud]:
+    """The clouds of the nodes that transmit, in image light; one of each node and method of the host's.
+
+    every: every pair of distribution and masking, and every mode.
+    """
+    each = configurations // _PER_TRANSMITTING
+    if each <= 0:
+        return []
+    found = []
+    for node, (method, usual) in itertools.product(NODES[1:], (("fis", "T"), ("prefilter", "RT"))):
+        for pair, mode in itertools.product(CLOUD_PAIRS, ("T", "RT")):
+            if every != (pair == CLOUD_PAIRS[0] and mode == usual):
+                light = MapLight("sky", rotation=20.0, samples=8, method=method)
+                found.append(Cloud(node, *pair, each, environment=light, scatter_mode=mode))
+    return found
 
 
 def suite(
@@ -51,8 +71,18 @@ def suite(
         MrmError: no such suite, or one with faults.
     """
     if name in BUILT_IN:
-        more = [*more_textured_cases(), *more_surrounded_cases()] if name == "full" else []
-        return [*clouds(configurations), *more, *textured_cases(), *surrounded_cases(), *default_suite()]
+        more: list[Task] = []
+        if name == "full":
+            more += [*more_textured_cases(), *more_surrounded_cases(), *transmitting_cases()]
+            more += [*transmitting_clouds(configurations, every=True), *more_image_lights()]
+        return [
+            *clouds(configurations),
+            *transmitting_clouds(configurations),
+            *more,
+            *textured_cases(),
+            *surrounded_cases(),
+            *default_suite(),
+        ]
     path = Path(name)
     if not path.is_dir() and path.suffix != ".toml":
         near = difflib.get_close_matches(name[:100], BUILT_IN)

@@ -126,6 +126,38 @@ def more_surrounded_cases(folder: Path | None = None) -> list[MaterialCase]:
     return found
 
 
+_CLEAR: Mapping[str, Mapping[str, float | tuple[float, ...]]] = {
+    "open_pbr": {
+        "transmission_weight": 0.7,
+        "transmission_depth": 0.5,
+        "transmission_color": (0.9, 0.6, 0.3),
+        "base_metalness": 0.2,
+    },
+    "gltf": {"transmission": 0.7, "metallic": 0.2},
+    "standard": {"transmission": 0.7, "transmission_color": (0.9, 0.6, 0.3), "metalness": 0.2},
+}
+"""By surface, what makes it let light through."""
+
+
+def transmitting_cases(folder: Path | None = None) -> list[MaterialCase]:
+    """What is seen through each surface in image light, alone and beside its other lobes, with every weight of the
+    retro lobe: the suite `full` has them beside the others."""
+    root, found = folder or _own_folder(), []
+    for name, weight in itertools.product(_CLEAR, WEIGHTS):
+        retro = SUBJECTS[name].names["retroreflectivity"].split()[0]
+        whole = next(iter(_CLEAR[name]))
+        found.append(_clear(root, name, ((retro, weight),), f"-retro{weight:g}"))
+        found.append(_clear(root, name, ((retro, weight), (whole, 1.0)), f"-glass-retro{weight:g}"))
+    return found
+
+
+def _clear(root: Path, name: str, values: tuple[tuple[str, float], ...], what: str) -> MaterialCase:
+    case = _case(root, name, ("color",))
+    given = {**_CLEAR[name], **dict(values)}
+    case = replace(case, inputs={f"shaded/{each}": value for each, value in given.items()})
+    return _within(case, EnvironmentMap("sky", (("rotation", 30.0),)), f"-through{what}")
+
+
 def _within(case: MaterialCase, light: EnvironmentMap, what: str) -> MaterialCase:
     """A case with light from around in place of its lights."""
     name = f"{case.name}-in-{light.name}{what}"

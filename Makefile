@@ -16,7 +16,7 @@
 # make random    300 random materials on each backend (MRM_SEED=N makes those of another run); half an hour
 # make decades   ten million random configurations of each node, by decade of alpha and of both cosines; a quarter of an hour
 # make docs      build the documentation's site, build/site/index.html; what is wrong with a page or a link ends it
-# make lint      check types, lint and format
+# make lint      check types, lint, format, and that nothing imports upward
 #
 # Each sets up what it needs: a virtual environment in .venv, the package, and the GL libraries.
 
@@ -87,6 +87,7 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/lint-imports --no-logo
 
 setup: .venv/ready
 	@sh .ci/gl-libraries

@@ -12,7 +12,7 @@ import MaterialX.PyMaterialXGenShader as mx_gen_shader
 
 from mrm_nodes import library
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
-from mrm_nodes.surfaces.substitution import twin_with
+from mrm_nodes.substitution import twin_with
 
 _SHOWN = 20
 """Names of elements that an error lists."""

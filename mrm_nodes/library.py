@@ -13,12 +13,12 @@ from pathlib import Path
 
 import MaterialX as mx
 
-from mrm_nodes import surfaces as retrofitted
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import ABANDONED, UNFINISHED, clear, reason
 from mrm_nodes.host import CLOSURE_TYPE, UPGRADE, Environment, Host, read_host
 from mrm_nodes.shipped import materials_path as materials_path
 from mrm_nodes.shipped import root_path as root_path
+from mrm_nodes.substitution import surface_documents
 
 # Before anything of it is used: what follows relies on it.
 if not hasattr(mx.Document, "setDataLibrary"):
@@ -129,7 +129,7 @@ def _library(surfaces: bool, libraries: Path | None, environment: Environment = 
     mx.loadLibraries(["libraries"], path, library)
     _add_nodes(library, folder)
     if surfaces:
-        for document in retrofitted.surface_documents(library).values():
+        for document in surface_documents(library).values():
             library.importLibrary(document)
     return library
 
@@ -197,7 +197,7 @@ def _surfaces_for(folder: Path, nodes: Path) -> dict[str, str]:
     library = mx.createDocument()
     mx.loadLibraries(parts, mx.FileSearchPath(str(folder)), library, readOptions=options)
     _add_nodes(library, nodes)
-    documents = retrofitted.surface_documents(library)
+    documents = surface_documents(library)
     return {f"{name}.mtlx": mx.writeToXmlString(document) for name, document in documents.items()}
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from nasty import Nasty
 
+from mrm_nodes.bench.regress import write_obj
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import suites
-from mrm_nodes.regression.bench import write_obj
 from mrm_nodes.regression.cases import default_suite
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.cluster import Cluster, Store, dask_cluster

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from mrm_nodes import bench_surfaces
+from mrm_nodes.bench import surfaces as bench_surfaces
 from mrm_nodes.cli import cli
 from mrm_nodes.library import load_library
 from mrm_nodes.render import CameraLight, probe_backends, render

@@ -27,7 +27,8 @@ from mrm_nodes.library import (
     shared_library,
     uninstall,
 )
-from mrm_nodes.reference.albedo_fit import COEFFICIENTS, as_glsl
+from mrm_nodes.reference.albedo_fit import COEFFICIENTS
+from mrm_nodes.reference.fit_albedo import as_glsl
 
 NODES = ["mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"]
 MATERIALX_LIBRARIES = Path(mx.getDefaultDataSearchPath().asString()) / "libraries"

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from mrm_nodes import reference as ref
-from mrm_nodes.reference import bench, compiled, figures
+from mrm_nodes.bench import reference as bench
+from mrm_nodes.reference import compiled, figures
 
 
 def test_figure_2_has_its_features():

@@ -10,7 +10,7 @@ import MaterialX as mx
 import numpy as np
 import pytest
 
-from mrm_nodes.bench import bench_shaders
+from mrm_nodes.bench.shader import bench_shaders
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render import (
     BACKENDS,

@@ -9,8 +9,8 @@ import pytest
 
 import mrm_nodes
 from mrm_nodes.errors import MrmError, MrmWarning
+from mrm_nodes.substitution import SUBSTITUTES
 from mrm_nodes.surfaces import known_surfaces, surface_documents
-from mrm_nodes.surfaces.substitution import SUBSTITUTES
 
 SURFACES = list(known_surfaces().values())
 by_surface = pytest.mark.parametrize("surface", SURFACES, ids=lambda surface: surface.node)

@@ -6,8 +6,9 @@ import MaterialX as mx
 import pytest
 
 from mrm_nodes import documents, elements, library
+from mrm_nodes.bench import scale as bench_scale
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import bench_scale, closure, suitefile
+from mrm_nodes.regression import closure, suitefile
 
 SURFACES = ("standard_surface", "open_pbr_surface", "gltf_pbr")
 

@@ -88,7 +88,7 @@ float mrm_vcavity(float NdotV, float NdotL, float NdotH, float halfCosine)
 
 // Split sum of the directional albedo: albedo = F0 * result.x + F90 * result.y.
 // GGX with Smith is the host's own. Each other pair has its own fit, made never to lie below the true albedo,
-// so that the compensation built on it never makes energy (mrm_nodes/reference/albedo_fit.py).
+// so that the compensation built on it never makes energy (mrm_nodes/reference/fit_albedo.py).
 vec2 mrm_directional_albedo(float NdotV, MrmLobe lobe)
 {
     float alpha = mx_average_alpha(lobe.alpha);

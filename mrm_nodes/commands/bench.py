@@ -35,11 +35,11 @@ def shader(backend: str, size: int, rounds: int, surfaces: bool, output: Path | 
     """
     import json
 
-    from mrm_nodes import bench as shader_bench
+    from mrm_nodes.bench import shader as shader_bench
     from mrm_nodes.files import write_text
 
     if surfaces:
-        from mrm_nodes.bench_surfaces import print_table
+        from mrm_nodes.bench.surfaces import print_table
 
         return print_table(backend, size, rounds, output)
     machine = shader_bench.describe_machine(backend)
@@ -71,7 +71,7 @@ def threads(backend: str, size: int, count: int, rounds: int) -> None:
     """
     from statistics import median
 
-    from mrm_nodes.bench import bench_threads
+    from mrm_nodes.bench.shader import bench_threads
 
     one, four = (median(seconds) for seconds in bench_threads(backend, size, count, rounds).values())
     click.echo(f"{count} renders at {size} x {size}: {one:.2f} s from one thread, {four:.2f} s from four")
@@ -94,8 +94,8 @@ def reference(count: int, growth: bool, output: Path | None) -> None:
     from dataclasses import asdict
     from itertools import chain
 
+    from mrm_nodes.bench import reference as evaluator_bench
     from mrm_nodes.files import write_text
-    from mrm_nodes.reference import bench as evaluator_bench
 
     click.echo(
         f"{'subject':<28} {'question':<8} {'lobe':<22} {'cores':>5} {'count':>10} {'seconds':>8} "

@@ -31,8 +31,8 @@ def regress(counts: tuple[int, ...], rounds: int, backend: str, output: Path | N
     \b
     mrm-nodes bench regress --count 100
     """
+    from mrm_nodes.bench import regress as bench
     from mrm_nodes.files import write_text
-    from mrm_nodes.regression import bench
 
     measured = []
     # numba compiles the evaluator once for an installation, which is no run's own cost.
@@ -92,8 +92,8 @@ def scale(counts: tuple[int, ...], backend: str, jobs: int, output: Path | None)
     \b
     mrm-nodes bench scale --count 100
     """
+    from mrm_nodes.bench import scale as bench_scale
     from mrm_nodes.files import write_text
-    from mrm_nodes.regression import bench_scale
 
     click.echo(f"{'cases':>6} {'step':<18} {'seconds':>8} {'CPU s':>8} {'MB':>6} {'worker MB':>9}")
     rows = []
@@ -110,7 +110,7 @@ def scale(counts: tuple[int, ...], backend: str, jobs: int, output: Path | None)
 
 
 def _beside(backend: str) -> None:
-    from mrm_nodes.regression import bench
+    from mrm_nodes.bench import regress as bench
 
     try:
         beside = bench.beside_materialx(backend=backend)

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from mrm_nodes.errors import MrmError, MrmWarning, unknown
-from mrm_nodes.measured.measurement import Array, Measurement, above, check_values, directions
+from mrm_nodes.measured.angles import Array, directions
+from mrm_nodes.measured.measurement import Measurement, above, check_values
 from mrm_nodes.measured.reciprocity import cosine_power
 
 COSINES = {"none": 0, "view": 1, "light": -1}

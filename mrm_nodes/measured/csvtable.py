@@ -11,7 +11,8 @@ import numpy as np
 
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.measured.alta import LIMIT
-from mrm_nodes.measured.measurement import Array, Measurement, above, check_values, directions
+from mrm_nodes.measured.angles import Array, directions
+from mrm_nodes.measured.measurement import Measurement, above, check_values
 
 ANGLES = ("theta_v", "theta_l", "phi_v", "phi_l", "dphi")
 GONIOMETER = ("observation", "beta1", "beta2", "rotation")

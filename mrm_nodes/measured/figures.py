@@ -11,8 +11,9 @@ import numpy as np
 from mrm_nodes import reference as ref
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import write_together
+from mrm_nodes.measured.angles import Array, directions
 from mrm_nodes.measured.fitting import Fit, fit
-from mrm_nodes.measured.measurement import Array, Measurement, directions
+from mrm_nodes.measured.measurement import Measurement
 from mrm_nodes.measured.plots import COLOURS, in_plane, pyplot
 from mrm_nodes.measured.reciprocity import exchanged
 from mrm_nodes.plotfile import figure_bytes

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.measured.measurement import Array, Measurement
+from mrm_nodes.measured.angles import Array
+from mrm_nodes.measured.measurement import Measurement
 from mrm_nodes.measured.models import PARAMETERS, Model, find_model
 from mrm_nodes.photometry.retroreflector import Retroreflector
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.errors import MrmError, unknown
-
-Array = NDArray[np.float64]
+from mrm_nodes.measured.angles import Array
 
 NEIGHBOURS = 6
 """Samples that one between them is made of."""
@@ -168,13 +167,6 @@ class Measurement:
 
 SHARED, MOST_ANGLES = 10, 12
 """Samples that make an angle of the light one that is shared, and angles beyond which a table is no set of curves."""
-
-
-def directions(theta: ArrayLike, phi: ArrayLike) -> Array:
-    """Unit vectors (..., 3) from radians."""
-    polar, azimuth = np.broadcast_arrays(np.asarray(theta, np.float64), np.asarray(phi, np.float64))
-    sine = np.sin(polar)
-    return np.stack([sine * np.cos(azimuth), sine * np.sin(azimuth), np.cos(polar)], axis=-1)
 
 
 def above(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mrm_nodes.measured.measurement import Array, Measurement, directions
+from mrm_nodes.measured.angles import Array, directions
+
+if TYPE_CHECKING:
+    from mrm_nodes.measured.measurement import Measurement
 
 COLOURS = ("#2a8a3a", "#2b5fb3", "#d9822b", "#c0392b")
 PLANE = np.radians(1.5)

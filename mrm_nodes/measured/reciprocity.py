@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mrm_nodes.measured.measurement import Array, isotropic
+from mrm_nodes.measured.angles import Array
+from mrm_nodes.measured.measurement import isotropic
 
 FEWEST = 12
 """Pairs without which nothing is said."""

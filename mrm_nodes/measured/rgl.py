@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.measured.measurement import Array, Measurement, above, directions
+from mrm_nodes.measured.angles import Array, directions
+from mrm_nodes.measured.measurement import Measurement, above
 
 MAGIC = b"tensor_file\0"
 LIGHTS = tuple(range(0, 80, 10))

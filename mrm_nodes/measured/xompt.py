@@ -19,7 +19,8 @@ from mrm_nodes import jsontext
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import write_text
 from mrm_nodes.measured.alta import LIMIT
-from mrm_nodes.measured.measurement import Measurement, above, directions
+from mrm_nodes.measured.angles import directions
+from mrm_nodes.measured.measurement import Measurement, above
 
 VERSION = "1.0.0"
 """Of OpenMATERIAL 3D."""

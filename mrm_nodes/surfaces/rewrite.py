@@ -13,9 +13,9 @@ import MaterialX as mx
 from mrm_nodes import documents, elements, external, filenames, library, xmltext
 from mrm_nodes.errors import MrmError, MrmWarning, suggestion
 from mrm_nodes.files import write_bytes
+from mrm_nodes.substitution import SUBSTITUTES, SWITCH, WEIGHT, Surface, known_surfaces, twin_with
 from mrm_nodes.surfaces.markup import Edits, Tag, parse
 from mrm_nodes.surfaces.names import fitting, named_for_code, path_of
-from mrm_nodes.surfaces.substitution import SUBSTITUTES, SWITCH, WEIGHT, Surface, known_surfaces, twin_with
 from mrm_nodes.surfaces.weights import (
     Weight,
     check_weights,

@@ -12,7 +12,7 @@ import MaterialX as mx
 
 from mrm_nodes import filenames
 from mrm_nodes.errors import MrmError, MrmWarning, suggestion
-from mrm_nodes.surfaces.substitution import known_surfaces
+from mrm_nodes.substitution import known_surfaces
 
 Weight = float | str
 """A number from 0 to 1, or text that names a node or an image file."""

@@ -14,11 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from . import compiled
-from . import microsurface as surface
-from .bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
-from .compiled import Array
-from .energy import POINTS, RESOLUTION, white_albedo_table
+from mrm_nodes.reference import compiled
+from mrm_nodes.reference import microsurface as surface
+from mrm_nodes.reference.bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
+from mrm_nodes.reference.compiled import Array
+from mrm_nodes.reference.energy import POINTS, RESOLUTION, white_albedo_table
 
 #: Complex index of a copper-like metal, for red, green and blue.
 IOR, EXTINCTION = (0.2004, 0.9240, 1.1022), (3.9129, 2.4528, 2.1421)

@@ -11,14 +11,14 @@ from pathlib import Path
 import click
 import MaterialX as mx
 
-from mrm_nodes.bench import INTERFACES, LIGHTS, _frame_times, describe_machine
+from mrm_nodes.bench.shader import INTERFACES, LIGHTS, _frame_times, describe_machine
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import write_text
 from mrm_nodes.library import load_library
 from mrm_nodes.render.context import get_context
 from mrm_nodes.shadergen import Shader, generate_shader
+from mrm_nodes.substitution import SWITCH
 from mrm_nodes.surfaces import Surface, known_surfaces
-from mrm_nodes.surfaces.substitution import SWITCH
 
 #: What is measured: MaterialX's own, its mix of a plain and a retroreflective one, and ours at three weights.
 SUBJECTS = ("own", "mix", "ours 0", "ours 0.5", "ours 1")

@@ -54,7 +54,7 @@ class Surface:
 @functools.cache
 def known_surfaces() -> dict[str, Surface]:
     """Return the surfaces whose graphs are known, by MaterialX's name for the node."""
-    text = (resources.files("mrm_nodes.surfaces") / "surfaces.toml").read_text(encoding="utf-8")
+    text = (resources.files("mrm_nodes") / "surfaces.toml").read_text(encoding="utf-8")
     return {node: Surface(node=node, **fields) for node, fields in tomllib.loads(text).items()}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import io
 import json
 import math
 import multiprocessing
@@ -12,6 +11,8 @@ import random
 import re
 import resource
 import shutil
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -148,11 +149,9 @@ def _measured(step: str, function: Callable[..., tuple[int, dict[str, float]]], 
 
 
 def _list(file: Path) -> tuple[int, dict[str, float]]:
-    from mrm_nodes.commands.suite import list_cases
-
-    with contextlib.redirect_stdout(io.StringIO()) as shown:
-        list_cases.main([str(file)], standalone_mode=False)
-    return int(shown.getvalue().split()[-2]), {}
+    listed = [sys.executable, "-m", "mrm_nodes", "suite", "list", str(file)]
+    shown = subprocess.run(listed, check=True, capture_output=True, text=True)
+    return int(shown.stdout.split()[-2]), {}
 
 
 def _run(

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from test_material_case import case_of, write
 
 from mrm_nodes import reference as ref
 from mrm_nodes.reference.compiled import run
@@ -17,7 +20,9 @@ from mrm_nodes.regression.cases import Case, default_suite
 from mrm_nodes.regression.closure import Lobe
 from mrm_nodes.regression.compare import compare
 from mrm_nodes.regression.image_sum import Surroundings, _joined
+from mrm_nodes.regression.material_case import EnvironmentMap
 from mrm_nodes.regression.physics import Points, shade_tree
+from mrm_nodes.regression.worker import Worker
 from mrm_nodes.render import probe_backends
 from mrm_nodes.render.arithmetic import measure
 from mrm_nodes.render.environment import Environment, sky
@@ -117,7 +122,7 @@ def test_a_smooth_surface_in_a_white_map_shows_what_it_does_not_reflect(lobe: An
         # Not clamped: MaterialX takes what a curve lacks of 1, more than 1 or less than 0.
         reflected = np.array([0.3, 0.1, 1.2]) + (1 - np.array([0.3, 0.1, 1.2])) * (1 - v[:, 2:]) ** 5
     np.testing.assert_allclose(found.value, np.broadcast_to(1 - reflected, v.shape), atol=1e-4)
-    np.testing.assert_allclose(transmitted_share(lobe, v, by_albedo=False), found.value, atol=1e-4)
+    np.testing.assert_allclose(transmitted_share(lobe, v, by_albedo=False)[0], found.value, atol=1e-4)
 
 
 def test_the_retro_share_sees_as_the_mirrored_view_does():
@@ -129,18 +134,19 @@ def test_the_retro_share_sees_as_the_mirrored_view_does():
 
 
 CASES = {case.name: case for case in default_suite() if "through-in-sky" in case.name}
-FAULTS = {
-    "2e-5 brighter": ("distribution, fd) * tint;", "distribution, fd) * tint * 1.00002;"),
-    "black": ("distribution, fd) * tint;", "distribution, fd) * tint * 0.0;"),
+TEXTS = {
     "1e-3 of a level": ("MIP_LEVEL_OFFSET = 1.5", "MIP_LEVEL_OFFSET = 1.501"),
     "a sample left out": ("i < envRadianceSamples;", "i < envRadianceSamples - 1;"),
-    "an index 1e-4 off": ("fd.ior.x)", "fd.ior.x * 1.0001)"),
-    "the view not mirrored": ("i == 0 ? V : Vr, X", "V, X"),
     "no second surface": ("return refract(R, N1, ior);", "return R;"),
 }
-PREFILTERED = {name: FAULTS[name] for name in ("2e-5 brighter", "an index 1e-4 off")} | {
-    "another level": ("0.5 * alpha + 0.375", "0.5 * alpha + 0.376")
+VALUES = {
+    "2e-5 brighter": {"tint": 1.00002},
+    "black": {"tint": 0.0},
+    "an index 1e-4 off": {"ior": 1.0001},
+    "a blend 1e-4 off": {"retroreflectivity": 1.0002},
+    "an alpha 1e-3 off": {"roughness": 1.001},
 }
+"""Factors on what the shader is given."""
 
 
 class Seen:
@@ -165,21 +171,21 @@ class Seen:
         around = Surroundings(self.light, measure(backend), case.method)
         self.reference, self.bounds = shade_tree(tree, points, [], lambda port: port, around)
 
-    def draw(self, shader: Shader) -> RenderedImage:
+    def draw(self, shader: Shader, factors: Mapping[str, float] | None = None) -> RenderedImage:
+        changed = {
+            f"bsdf_{name}": np.multiply(self.uniforms[f"bsdf_{name}"], factor)
+            for name, factor in (factors or {}).items()
+        }
         return self.renderer.render(
             shader,
             load_mesh(self.case.mesh),
             self.case.camera,
             size=(32, 32),
-            uniforms=self.uniforms,
+            uniforms={**self.uniforms, **changed},
             environment=self.light,
         )
 
-    def verdict(self, old: str = "", new: str = "") -> str:
-        assert old in self.shader.pixel
-        drawn = self.sound
-        if old:
-            drawn = self.draw(dataclasses.replace(self.shader, pixel=self.shader.pixel.replace(old, new)))
+    def verdict(self, drawn: RenderedImage) -> str:
         return compare(drawn.image[drawn.mask], self.reference, self.bounds)[0]
 
 
@@ -200,14 +206,62 @@ def prefiltered(backend: str) -> Seen:
 
 
 def test_what_is_sound_passes(sampled: Seen, prefiltered: Seen):
-    assert (sampled.verdict(), prefiltered.verdict()) == ("pass", "pass")
+    assert [each.verdict(each.sound) for each in (sampled, prefiltered)] == ["pass", "pass"]
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", VALUES)
+def test_what_a_surface_is_given_wrong_is_noticed(sampled: Seen, prefiltered: Seen, fault: str):
+    for each in (sampled, prefiltered):
+        assert each.verdict(each.draw(each.shader, VALUES[fault])) == "fail"
+
+
+@pytest.mark.parametrize("fault", TEXTS)
 def test_what_is_wrong_behind_a_surface_is_noticed(sampled: Seen, fault: str):
-    assert sampled.verdict(*FAULTS[fault]) == "fail"
+    old, new = TEXTS[fault]
+    assert old in sampled.shader.pixel
+    wrong = dataclasses.replace(sampled.shader, pixel=sampled.shader.pixel.replace(old, new))
+    assert sampled.verdict(sampled.draw(wrong)) == "fail"
 
 
-@pytest.mark.parametrize("fault", PREFILTERED)
-def test_what_is_wrong_is_noticed_where_the_host_prefilters(prefiltered: Seen, fault: str):
-    assert prefiltered.verdict(*PREFILTERED[fault]) == "fail"
+GLASS = """<{top} name="glass" type="BSDF">
+  <input name="ior" type="float" value="1.4" /><input name="roughness" type="vector2" value="0.2, 0.2" />
+  <input name="tint" type="color3" value="0.9, 0.8, 0.7" /><input name="scatter_mode" type="string" value="T" />
+</{top}>
+{below}
+<layer name="both" type="BSDF">
+  <input name="top" type="BSDF" nodename="glass" /><input name="base" type="{kind}" nodename="below" />
+</layer>
+<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="both" /></surface>
+<surfacematerial name="m" type="material">
+  <input name="surfaceshader" type="surfaceshader" nodename="s" />
+</surfacematerial>"""
+BELOW = {
+    "another": (
+        '<mrm_dielectric_bsdf name="below" type="BSDF"><input name="scatter_mode" type="string" value="RT" />'
+        '<input name="roughness" type="vector2" value="0.3, 0.3" /></mrm_dielectric_bsdf>',
+        "BSDF",
+    ),
+    # The logarithm of a colour of which one channel is black.
+    "a volume": (
+        '<ln name="log" type="vector3"><input name="in" type="vector3" nodename="color" /></ln>'
+        '<constant name="color" type="vector3"><input name="value" type="vector3" value="0.9, 0.2, 0" /></constant>'
+        '<multiply name="absorbed" type="vector3"><input name="in1" type="vector3" nodename="log" />'
+        '<input name="in2" type="float" value="-0.5" /></multiply>'
+        '<anisotropic_vdf name="below" type="VDF">'
+        '<input name="absorption" type="vector3" nodename="absorbed" /></anisotropic_vdf>',
+        "VDF",
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("node", "below"), [("dielectric_bsdf", "another"), ("mrm_dielectric_bsdf", "a volume")]
+)
+def test_what_lies_below_glass_is_seen_through_it(backend: str, node: str, below: str, tmp_path: Path):
+    text, kind = BELOW[below]
+    path = write(tmp_path, GLASS.format(top=node, below=text, kind=kind))
+    case = dataclasses.replace(case_of(path, environment=EnvironmentMap("sky")), size=(16, 16), lights=())
+    outcome = Worker(backend).run(case, tmp_path / "report")
+    assert (outcome.message, outcome.truth, outcome.verdict) == ("", "physics", "pass")
+    assert outcome.figures is not None and outcome.figures.notices is not None
+    assert outcome.figures.notices < 1e-4

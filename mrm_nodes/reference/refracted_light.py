@@ -47,8 +47,8 @@ products between them two more."""
 MORE_AXES = AXES + 6 * UNIT
 """Of a direction in the map, where the host turns it into the world first, and from there into the map."""
 
-SHARE = 1.5e-6
-"""Absolute error of what an albedo lacks of 1, but for its Fresnel factor: a fit's, as that of a layer's throughput."""
+ROUNDING = 4.4e-7
+"""Absolute error of a fitted albedo, but for its Fresnel factor and its cosine: measured, as that of a throughput."""
 
 
 @formula
@@ -388,23 +388,29 @@ def refracted_look_up(
     return Sum(found[0], found[1], found[2], found[0])
 
 
-def transmitted_share(lobe: Lobe, v: Array, by_albedo: bool) -> Array:
-    """By what MaterialX's prefiltered method weighs what it reads behind a surface: 1 less an albedo, `(n, 3)`.
+def transmitted_share(lobe: Lobe, v: Array, by_albedo: bool) -> tuple[Array, Array]:
+    """By what MaterialX's prefiltered method weighs what it reads behind a surface: 1 less an albedo, and its error,
+    each `(n, 3)`.
 
     by_albedo: whether that is the directional albedo, GGX's with Smith, as from 1.39.5 on; else it is F G at n.v, G
     being that of a light that comes along the view.
     """
-    cosine = np.clip(v[..., 2:], SMALLEST, 1.0)
     alpha = np.sqrt(lobe._alpha[..., :1] * lobe._alpha[..., 1:])
-    mirror = unclamped_reflectance(lobe, cosine)
-    if not by_albedo:
-        width = np.sqrt(alpha**2 + (1.0 - alpha**2) * cosine**2)
-        return np.asarray(1.0 - mirror * cosine / width)
-    a, b = split_sum(("ggx", "smith"), cosine, alpha)
-    f0, film = unclamped_reflectance(lobe, np.ones(1)), lobe._parameters[6] > 0.0
-    f90 = np.where(film, 1.0, lobe._parameters[4]) if lobe._kind == SCHLICK else np.ones(3)
-    fitted = f0 * a + f90 * b
-    return np.asarray(1.0 - np.where(film, mirror + (fitted - mirror) * np.sqrt(alpha), fitted))
+
+    def reflected(cosine: Array) -> Array:
+        cosine = np.clip(cosine, SMALLEST, 1.0)
+        mirror = unclamped_reflectance(lobe, cosine)
+        if not by_albedo:
+            return np.asarray(mirror * cosine / np.sqrt(alpha**2 + (1.0 - alpha**2) * cosine**2))
+        a, b = split_sum(("ggx", "smith"), cosine, alpha)
+        f0, film = unclamped_reflectance(lobe, np.ones(1)), lobe._parameters[6] > 0.0
+        f90 = np.where(film, 1.0, lobe._parameters[4]) if lobe._kind == SCHLICK else np.ones(3)
+        fitted = f0 * a + f90 * b
+        return np.asarray(np.where(film, mirror + (fitted - mirror) * np.sqrt(alpha), fitted))
+
+    exact = reflected(v[..., 2:])
+    moved = [np.abs(reflected(v[..., 2:] + sign * VIEW) - exact) for sign in (1.0, -1.0)]
+    return 1.0 - exact, np.maximum(*moved) + ROUNDING * np.maximum(np.abs(exact), 1.0)
 
 
 def unclamped_reflectance(lobe: Lobe, cosine: Array) -> Array:

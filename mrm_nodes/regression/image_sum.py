@@ -200,10 +200,9 @@ def transmitted_sum(
         seen = refracted_light.refracted_look_up(
             index, retro, v, inside, map_, level, of_level, around.driver
         )
-        share = refracted_light.transmitted_share(bsdf, v, host().prefilters_by_albedo)
-        size = np.abs(share)
-        of_share = seen.value * refracted_light.SHARE * np.maximum(np.abs(1.0 - share), 1.0)
-        found = Sum(seen.value * share, seen.most * size + of_share, seen.usual * size + of_share, seen.value)
+        share, of_share = refracted_light.transmitted_share(bsdf, v, host().prefilters_by_albedo)
+        size, wrong = np.abs(share), seen.value * of_share
+        found = Sum(seen.value * share, seen.most * size + wrong, seen.usual * size + wrong, seen.value)
     tint = np.maximum(as_float32(values.get("tint", 1.0)), 0.0)
     arithmetic = lobe_bounds(1.0, "ggx")
     of_fresnel = fresnel_bounds(np.asarray(values["thinfilm_thickness"]) > 0)

@@ -28,7 +28,7 @@ CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("
 BUILT_IN = ("default", "full")
 CONFIGURATIONS = 1_000_000
 """Random configurations of each node in the default suite."""
-_PER_TRANSMITTING = 100
+_PER_TRANSMITTING = 200
 """Times fewer are those of a cloud in image light: each is a sum over samples."""
 
 

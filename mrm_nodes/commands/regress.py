@@ -11,7 +11,7 @@ import click
 
 from mrm_nodes.commands.options import external_option, keep_memory_limit, memory_option, time_option
 from mrm_nodes.commands.progress import progress
-from mrm_nodes.errors import MrmError
+from mrm_nodes.errors import MrmError, suggestion
 
 FAILED = 1
 """Exit status where a comparison failed or ended in an error."""
@@ -29,6 +29,20 @@ def parse_shard(context: object, parameter: object, text: str | None) -> tuple[i
     if not (number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
         raise MrmError(f"--shard {text}: write it as 2/5, the second of five parts")
     return int(number), int(count)
+
+
+LAYERINGS = ("materialx", "exact")
+
+
+def parse_layering(context: object, parameter: object, text: str | None) -> str | None:
+    """A rule of layering by its name.
+
+    Raises:
+        MrmError: there is none of that name.
+    """
+    if text is not None and text not in LAYERINGS:
+        raise MrmError(f"unknown --layering {text}; {suggestion(text, LAYERINGS)}")
+    return text
 
 
 def _results(command: Callable[..., int]) -> Callable[..., int]:
@@ -84,6 +98,12 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
     show_default=True,
     help="Random configurations of each node; 0 for images only.",
 )
+@click.option(
+    "--layering",
+    callback=parse_layering,
+    metavar="RULE",
+    help="exact: tell what MaterialX's rule of layering costs each case; materialx: do not, whatever a suite says.",
+)
 @time_option("a case")
 @memory_option("a worker process")
 @click.option(
@@ -113,6 +133,7 @@ def regress(
     jobs: int,
     expression: str | None,
     configurations: int,
+    layering: Any,
     time_limit: float,
     memory_limit: int | None,
     resume: bool,
@@ -143,7 +164,7 @@ def regress(
     click.get_current_context().with_resource(terminal.each_warning_once())
     keep_memory_limit(memory_limit)
     _prepare(folder, json_file, junit)
-    tasks = suites.choose(suites.suite(suite, configurations, allow_external), expression)
+    tasks = suites.choose(suites.suite(suite, configurations, allow_external, layering), expression)
     known = None if no_cache else cache.Cache(cache_folder or cache.default_folder(), link=link)
     _remove(json_file, junit)
     try:

@@ -238,7 +238,7 @@ class Layer(Closure):
         return through_of(through, clear, share)
 
 
-def through_of(through: Array, clear: Array, share: Array) -> Array:
+def through_of(through: Array, clear: Array | float, share: Array) -> Array:
     """An exact throughput once the response is multiplied by a share: what is reflected less is let through.
 
     Args:

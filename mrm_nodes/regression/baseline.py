@@ -42,7 +42,7 @@ FORMAT = 1
 PATIENCE = 30.0
 """Seconds to wait while another process accepts."""
 
-_OF_JUDGEMENT = ("truth", "reason", "tolerance", "mask", "baselines", "allow_external")
+_OF_JUDGEMENT = ("truth", "reason", "tolerance", "mask", "baselines", "allow_external", "layering")
 """Parts of a case's description that its render does not depend on."""
 
 

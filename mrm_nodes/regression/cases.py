@@ -103,6 +103,8 @@ class Case:
     size: tuple[int, int] = (128, 128)
     """Width and height."""
     target: str = "glsl"
+    layering: Literal["materialx", "exact"] = "materialx"
+    """As that of a `MaterialCase`, where there is a base."""
 
     @property
     def kind(self) -> str:
@@ -137,6 +139,7 @@ class Case:
             "lights": [repr(light) for light in self.lights],
             "environment": None if self.environment is None else repr(self.environment),
             "size": list(self.size),
+            **({} if self.layering == "materialx" else {"layering": self.layering}),
         }
 
     def files(self) -> tuple[Path, ...]:

@@ -168,6 +168,20 @@ def lobes(tree: Tree) -> Iterator[Lobe]:
             yield from lobes(inner)
 
 
+def has_layers(tree: Tree) -> bool:
+    """Whether one scattering function of a tree lies on another."""
+    match tree:
+        case Layer(top, base):
+            both = all(any(lobes(each)) for each in (top, base))
+            return both or has_layers(top) or has_layers(base)
+        case Mix(first, second, _) | Add(first, second):
+            return has_layers(first) or has_layers(second)
+        case Multiply(inner, _) | Volume(inner, _):
+            return has_layers(inner)
+        case _:
+            return False
+
+
 def ports(tree: Tree) -> Iterator[Port]:
     """All that a tree is given: the inputs of its lobes, and what mixes and multiplies them."""
     match tree:

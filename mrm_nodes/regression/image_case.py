@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import MaterialX as mx
 import numpy as np
@@ -36,6 +36,9 @@ from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import RenderedImage
 from mrm_nodes.render.scene import Camera
 from mrm_nodes.shadergen import Shader
+
+if TYPE_CHECKING:
+    from mrm_nodes.regression import physics
 
 Array = NDArray[np.float64]
 
@@ -79,6 +82,8 @@ def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> Non
         driven = {name: _input_points(case, workshop, outcome, name, mesh) for name in case.patterns}
         with timed(outcome, "reference"):
             reference, bounds = reference_points(case, {**values, **driven}, drawn.camera, *_points(drawn))
+            if case.layering == "exact":
+                outcome.details = {"layering": _layering(case, {**values, **driven}, drawn, reference)}
         with timed(outcome, "compare"):
             judged = _within(drawn, reference, bounds)
     outcome.verdict, outcome.figures, outcome.tolerance = judged.verdict, judged.figures, judged.tolerance
@@ -113,29 +118,52 @@ def _in_environment(
     # A run that finds all in the cache has no need of numba.
     from mrm_nodes.regression.environment_reference import beside_integral, some_of
     from mrm_nodes.regression.image_sum import Surroundings
-    from mrm_nodes.regression.physics import Points, light_tree, shade_tree
+    from mrm_nodes.regression.physics import beside_exact, light_tree, shade_both, shade_tree
 
     light = _light(case)
     around = Surroundings(light, measure(workshop.renderer.backend), case.method)
-    position, normal, tangent = (each.astype(np.float64) for each in _points(drawn))
-    points = Points(position, normal, tangent, drawn.camera.position)
-    tree: Tree = Lobe(case.node, material.BSDF, {**values, "normal": None, "tangent": None})
-    if case.base is not None:
-        base = material.complete(DIFFUSE_NODE, {"color": case.base})
-        tree = Layer(tree, Lobe(DIFFUSE_NODE, "base", {**base, "normal": None}))
+    points, tree = _shaded(case, values, drawn)
 
     def resolve(port: Port) -> Any:
         return port
 
     lights = [each.data(drawn.camera) for each in case.lights]
     with timed(outcome, "reference"):
-        reference, bounds = shade_tree(tree, points, lights, resolve, around)
-        some, reflected = points.at(some_of(len(position))), reflecting(tree)
+        if case.layering == "exact":
+            reference, bounds, exact = shade_both(tree, points, lights, resolve, around)
+            outcome.details = {"layering": beside_exact(reference, exact)}
+        else:
+            reference, bounds = shade_tree(tree, points, lights, resolve, around)
+        some, reflected = points.at(some_of(len(reference))), reflecting(tree)
         seen, _ = shade_tree(reflected, some, [], resolve, around)
         truth = light_tree(reflected, some, light, resolve)
-        outcome.details = {"image_light": beside_integral(seen, truth, light.samples)}
+        about = {"image_light": beside_integral(seen, truth, light.samples)}
+        outcome.details = {**outcome.details, **about}
     with timed(outcome, "compare"):
         return _within(drawn, reference, bounds)
+
+
+def _layering(
+    case: Case, values: Mapping[str, Any], drawn: RenderedImage, reference: Array
+) -> dict[str, float]:
+    """What MaterialX's rule of layering costs a case in direct light; reference: `(n, 3)`, by that rule."""
+    from mrm_nodes.regression.physics import beside_exact, shade_both
+
+    points, tree = _shaded(case, values, drawn)
+    lights = [each.data(drawn.camera) for each in case.lights]
+    return beside_exact(reference, shade_both(tree, points, lights, lambda port: port)[2])
+
+
+def _shaded(case: Case, values: Mapping[str, Any], drawn: RenderedImage) -> tuple[physics.Points, Tree]:
+    """The covered points, and what lies there: the node, over its base where it has one."""
+    from mrm_nodes.regression.physics import Points
+
+    position, normal, tangent = (each.astype(np.float64) for each in _points(drawn))
+    tree: Tree = Lobe(case.node, material.BSDF, {**values, "normal": None, "tangent": None})
+    if case.base is not None:
+        base = material.complete(DIFFUSE_NODE, {"color": case.base})
+        tree = Layer(tree, Lobe(DIFFUSE_NODE, "base", {**base, "normal": None}))
+    return Points(position, normal, tangent, drawn.camera.position), tree
 
 
 def _beside_mirror(

@@ -17,7 +17,7 @@ from mrm_nodes import documents, external
 from mrm_nodes.elements import descendant
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression import baseline
-from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of, reflecting
+from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of, has_layers, reflecting
 from mrm_nodes.regression.compare import Bounds, compare, relative_error, why_undecided
 from mrm_nodes.regression.material import CHANNELS, Value
 from mrm_nodes.regression.outcome import Outcome, timed
@@ -37,6 +37,7 @@ from mrm_nodes.shadergen import Shader, room_for
 
 Array = NDArray[np.float64]
 Truth = Literal["physics", "baseline"]
+Layering = Literal["materialx", "exact"]
 
 BASELINE_TOLERANCE = Tolerance(max_rel=1e-2, p999_rel=1e-3)
 """Against a stored image, where a suite says nothing else: what another driver's rounding makes of a narrow lobe."""
@@ -114,6 +115,8 @@ class MaterialCase:
     """Where it was moved, the root that its documents know: their absolute names are below it."""
     target: str = "glsl"
     """What its shader is generated for."""
+    layering: Layering = "materialx"
+    """`exact` to be told what MaterialX's rule of layering costs it, beside its verdict, which is by that rule."""
 
     @property
     def node(self) -> str:
@@ -158,6 +161,7 @@ class MaterialCase:
             "allow_external": self.allow_external,
             # Without it a case is told as before it could be asked for: its stored image stays accepted.
             **({} if self.max_lights is None else {"max_lights": self.max_lights}),
+            **({} if self.layering == "materialx" else {"layering": self.layering}),
         }
 
     def _told(self, name: str) -> str:
@@ -404,7 +408,7 @@ def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expec
     # The evaluator takes half a second to import: who compares with stored images does without it.
     from mrm_nodes.regression.environment_reference import beside_integral, some_of
     from mrm_nodes.regression.image_sum import Surroundings
-    from mrm_nodes.regression.physics import Points, light_tree, shade_tree
+    from mrm_nodes.regression.physics import Points, beside_exact, light_tree, shade_both, shade_tree
 
     case, closure, resolve = bench.case, bench.closure, bench.resolver(mask)
     if mask.any():
@@ -422,7 +426,11 @@ def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expec
     light = _environment(case)
     around = None if light is None else Surroundings(light, measure(bench.outcome.backend))
     with timed(bench.outcome, "reference"):
-        reference, bounds = shade_tree(closure.tree, points, lights, resolve, around)
+        if case.layering == "exact" and mask.any() and has_layers(closure.tree):
+            reference, bounds, exact = shade_both(closure.tree, points, lights, resolve, around)
+            bench.outcome.details = {"layering": beside_exact(reference, exact)}
+        else:
+            reference, bounds = shade_tree(closure.tree, points, lights, resolve, around)
     expected.truth, expected.bounds = _spread(reference, mask), bounds
     if light is None or not mask.any():
         return
@@ -437,7 +445,8 @@ def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expec
         some, reflected = points.at(chosen), reflecting(closure.tree)
         seen, _ = shade_tree(reflected, some, [], at_some, around)
         truth = light_tree(reflected, some, light, at_some)
-    bench.outcome.details = {"image_light": beside_integral(seen, truth, light.samples)}
+    about = {"image_light": beside_integral(seen, truth, light.samples)}
+    bench.outcome.details = {**bench.outcome.details, **about}
 
 
 _WAY_OUT = 'such a material has no model; give the case truth = "baseline"'

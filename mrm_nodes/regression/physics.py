@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import diffuse, layers
+from mrm_nodes.reference.albedo_points import albedo_of_points
 from mrm_nodes.reference.bsdf import BsdfSample
 from mrm_nodes.regression import closure
 from mrm_nodes.regression.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
@@ -30,6 +31,7 @@ from mrm_nodes.regression.compare import (
     direction_bounds,
     fresnel_bounds,
     lobe_bounds,
+    relative_error,
 )
 from mrm_nodes.regression.environment_reference import (
     Estimate,
@@ -92,27 +94,74 @@ def shade_tree(
     Raises:
         MrmError: a value that the evaluator has no model of, such as an anisotropic roughness of MaterialX's nodes.
     """
+    reference, bounds, _ = _shade(tree, points, lights, resolve, around, beside=False)
+    return reference, bounds
+
+
+def shade_both(
+    tree: Tree,
+    points: Points,
+    lights: Sequence[LightData],
+    resolve: Resolve,
+    around: Surroundings | None = None,
+) -> tuple[Array, Bounds, Array]:
+    """`shade_tree`, and the radiance `(n, 3)` by the exact rule of layering, that of `Closure.exact_throughput`.
+
+    Raises:
+        MrmError: as `shade_tree`.
+    """
+    return _shade(tree, points, lights, resolve, around, beside=True)
+
+
+def _shade(
+    tree: Tree,
+    points: Points,
+    lights: Sequence[LightData],
+    resolve: Resolve,
+    around: Surroundings | None,
+    beside: bool,
+) -> tuple[Array, Bounds, Array]:
     placed = _Placed(points, resolve)
     view = _view(points)
+
+    @functools.cache
+    def passed(leaf: _Judged) -> Array:
+        return leaf.exact_throughput(view)
+
+    def part_of(judged: Callable[[_Judged], _Part], through: bool = False) -> _Part:
+        # A lobe's own part serves both rules.
+        once = functools.cache(judged)
+        part = placed.judge(tree, view, once, through)
+        if not beside:
+            return part
+        exact = placed.judge(
+            tree, view, lambda leaf: replace(once(leaf), through=passed(leaf)), through, is_exact=True
+        )
+        return replace(part, exact=exact.value)
+
+    def of_light(direction: Array, cosine: float) -> _Part:
+        return part_of(lambda leaf: leaf.judge(view, direction, cosine))
+
     try:
-
-        def part_of(direction: Array, cosine: float) -> _Part:
-            return placed.judge(
-                tree, view, functools.partial(_Judged.judge, v=view, l=direction, cosine=cosine)
-            )
-
         surroundings = []
         if around is not None:
             # Two closures of MaterialX's: each has its own layers.
             surroundings = [
-                placed.judge(tree, view, functools.partial(_Judged.judge_around, v=view, around=around)),
-                placed.judge(
-                    tree, view, functools.partial(_Judged.judge_through, v=view, around=around), True
-                ),
+                part_of(lambda leaf: leaf.judge_around(view, around)),
+                part_of(lambda leaf: leaf.judge_through(view, around), True),
             ]
-        return _lit(lights, points.position, view, part_of, surroundings)
+        return _lit(lights, points.position, view, of_light, surroundings)
     except ValueError as error:
         raise MrmError(f"the evaluator: {error}") from None
+
+
+def beside_exact(reference: Array, exact: Array) -> dict[str, float]:
+    """What the host's rule of layering costs: how far a radiance is from the one by the exact rule, over its values.
+
+    Relative, as all errors here, to the exact one, or to FLOOR where that is less.
+    """
+    apart = relative_error(reference, exact)
+    return {"max_rel": float(apart.max()), "mean_rel": float(apart.mean())}
 
 
 def _lit(
@@ -121,23 +170,26 @@ def _lit(
     view: Array,
     part_of: Callable[[Array, float], _Part],
     around: Sequence[_Part] = (),
-) -> tuple[Array, Bounds]:
+) -> tuple[Array, Bounds, Array]:
     """The sum of what an environment gives and of all lights, whose part is that of a direction and of what its cosine
-    is off by."""
-    reference, most, usual = (np.zeros(view.shape) for _ in range(3))
+    is off by; its bounds; and the sum by the exact rule, where the parts have that."""
+    reference, most, usual, exact = (np.zeros(view.shape) for _ in range(4))
     for part in around:
         reference, most, usual = reference + part.value, most + part.most, usual + part.usual
+        exact += part.exact
     for light in lights:
         direction, intensity = light_at(light, position)
         errors = light_errors(light, position)
         part = part_of(direction, errors.cosine)
         reference += part.value * intensity
+        exact += part.exact * intensity
         most += part.most * np.abs(intensity) + np.abs(part.value) * errors.most
         usual += part.usual * np.abs(intensity) + np.abs(part.value) * errors.usual
     size = np.maximum(np.abs(reference), FLOOR)
     # What is missing to the smallest value that counts is allowed the rounding of a wide lobe.
     missing, wide = 1.0 - np.minimum(np.abs(reference) / FLOOR, 1.0), lobe_bounds(1.0, "ggx")
-    return reference, Bounds(most / size + missing * wide.max_rel, usual / size + missing * wide.p999_rel)
+    bounds = Bounds(most / size + missing * wide.max_rel, usual / size + missing * wide.p999_rel)
+    return reference, bounds, exact
 
 
 def shade_node(
@@ -156,14 +208,14 @@ def shade_node(
     """
     lobe = _Judged(node, values, frame)
     if base is None:
-        return _lit(lights, position, view, lambda direction, cosine: lobe.judge(view, direction, cosine))
+        return _lit(lights, position, view, lambda direction, cosine: lobe.judge(view, direction, cosine))[:2]
     white = {"weight": 1.0, "color": base, "roughness": 0.0, "energy_compensation": False}
     below = _Judged(DIFFUSE_NODE, white, frame)
 
     def both(direction: Array, cosine: float) -> _Part:
         return lobe.judge(view, direction, cosine).over(below.judge(view, direction, cosine))
 
-    return _lit(lights, position, view, both)
+    return _lit(lights, position, view, both)[:2]
 
 
 def surround_node(
@@ -172,7 +224,7 @@ def surround_node(
     """`shade_node` in an environment, without lights."""
     lobe = _Judged(node, values, frame)
     around_it = [lobe.judge_around(view, around), lobe.judge_through(view, around)]
-    return _lit([], view, view, lambda direction, cosine: lobe.judge(view, direction, cosine), around_it)
+    return _lit([], view, view, lambda direction, cosine: lobe.judge(view, direction, cosine), around_it)[:2]
 
 
 def respond(tree: Tree, points: Points, direction: Array, resolve: Resolve) -> Array:
@@ -244,12 +296,24 @@ class _Placed:
             case closure.Volume(top, _):
                 return self.tree(top, kind)
 
-    def judge(self, tree: Tree, v: Array, judged: Callable[[_Judged], _Part], through: bool = False) -> _Part:
+    def judge(
+        self,
+        tree: Tree,
+        v: Array,
+        judged: Callable[[_Judged], _Part],
+        through: bool = False,
+        is_exact: bool = False,
+    ) -> _Part:
         """A tree's response to a light, and what float32 may make of it: each lobe's own error, times what the tree
         passes on of the lobe.
 
         judged: a lobe's own. through: whether that is what comes through the surface, and so through volumes.
+        is_exact: whether what the lobes let through is by the exact rule.
         """
+
+        def inner(part: Tree) -> _Part:
+            return self.judge(part, v, judged, through, is_exact)
+
         match tree:
             case Lobe(path=path):
                 if path not in self._judged:
@@ -259,18 +323,15 @@ class _Placed:
                 return _Part.nothing(v, 0.0 if opaque else 1.0)
             case closure.Mix(fg, bg, amount):
                 share = self._number(amount)[..., None]
-                front, back = (self.judge(each, v, judged, through) for each in (fg, bg))
-                return front.mixed(back, share)
+                return inner(fg).mixed(inner(bg), share)
             case closure.Add(in1, in2):
-                return self.judge(in1, v, judged, through).added(self.judge(in2, v, judged, through))
+                return inner(in1).added(inner(in2))
             case closure.Multiply(in1, in2):
-                factor = _colour(np.clip(self._number(in2), 0.0, 1.0))
-                return self.judge(in1, v, judged, through).times(factor)
+                return inner(in1).times(_colour(np.clip(self._number(in2), 0.0, 1.0)), is_exact)
             case closure.Layer(top, base):
-                return self.judge(top, v, judged, through).over(self.judge(base, v, judged, through))
+                return inner(top).over(inner(base))
             case closure.Volume(top, absorption):
-                inside = self.judge(top, v, judged, through)
-                return inside.absorbed(self._number(absorption)) if through else inside
+                return inner(top).absorbed(self._number(absorption)) if through else inner(top)
 
     def _number(self, port: Port) -> Array:
         return as_float32(self._resolve(port))
@@ -361,6 +422,9 @@ class _Dark(layers.Closure):
     def throughput(self, v: Any, l: Any = None) -> Array:  # noqa: E741
         return np.full(np.shape(v), self.through)
 
+    def exact_throughput(self, v: Any, weight: Any = 1.0) -> Array:
+        return self.throughput(v)
+
 
 class _Response(layers.Closure):
     """A lobe in its frame: directions are in world space, and its cosine is part of the response."""
@@ -390,6 +454,17 @@ class _Response(layers.Closure):
             self._local(v), None if l is None else self._local(l), self.weight
         )
         return through
+
+    @property
+    def is_opaque(self) -> bool:
+        """Whether nothing below it shows, whatever its weight."""
+        return self.lobe is None or self.node.endswith("conductor_bsdf")
+
+    def exact_throughput(self, v: Any, weight: Any = 1.0) -> Array:
+        if self.lobe is None or self.is_opaque:
+            return np.zeros(np.shape(v))
+        albedo = albedo_of_points(self.lobe, self._local(v))
+        return np.asarray(np.maximum(1.0 - weight * self.weight[..., None] * albedo, 0.0))
 
     def _value(self, view: Array, light: Array) -> Array:
         if self.lobe is not None:
@@ -423,11 +498,15 @@ class _Part:
     through: Array
     through_most: Array
     through_usual: Array
+    clear: Array | float = 1.0
+    """What it would let through if it reflected nothing: 1 but for what is opaque."""
+    exact: Array | float = 0.0
+    """The response by the exact rule of layering, of a whole tree, where that was asked for."""
 
     @staticmethod
     def nothing(v: Array, through: float) -> _Part:
         none = np.zeros(v.shape)
-        return _Part(none, none, none, np.full(v.shape, through), none, none)
+        return _Part(none, none, none, np.full(v.shape, through), none, none, through)
 
     def mixed(self, bg: _Part, amount: Array) -> _Part:
         """As the foreground of a mix. MaterialX does not clamp `amount`, `(n, 1)` or `(1,)`."""
@@ -447,6 +526,7 @@ class _Part:
             blend(self.through, bg.through),
             errors(self.through_most, bg.through_most, MIX_ROUNDING),
             errors(self.through_usual, bg.through_usual, MIX_ROUNDING),
+            self.clear * amount + bg.clear * less,
         )
 
     def added(self, other: _Part) -> _Part:
@@ -457,11 +537,14 @@ class _Part:
             np.maximum(self.through + other.through - 1.0, 0.0),
             self.through_most + other.through_most,
             self.through_usual + other.through_usual,
+            np.maximum(self.clear + other.clear - 1.0, 0.0),
         )
 
-    def times(self, factor: Array) -> _Part:
-        """As MaterialX's `multiply` has it: the throughput stays."""
-        return replace(self, value=self.value * factor, most=self.most * factor, usual=self.usual * factor)
+    def times(self, factor: Array, is_exact: bool) -> _Part:
+        """As MaterialX's `multiply` has it, whose throughput stays; by the exact rule it does not."""
+        through = layers.through_of(self.through, self.clear, factor) if is_exact else self.through
+        value, most, usual = (each * factor for each in (self.value, self.most, self.usual))
+        return replace(self, value=value, most=most, usual=usual, through=through)
 
     def absorbed(self, exponent: Array) -> _Part:
         """Through a volume that leaves e^-exponent, `(n, 3)` or `(3,)`, of it."""
@@ -475,6 +558,7 @@ class _Part:
             self.through * left,
             self.through_most * left + self.through * error,
             self.through_usual * left + self.through * error,
+            self.clear * left,
         )
 
     def over(self, base: _Part) -> _Part:
@@ -486,6 +570,7 @@ class _Part:
             self.through * base.through,
             self.through * base.through_most + base.through * self.through_most,
             self.through * base.through_usual + base.through * self.through_usual,
+            self.clear * base.clear,
         )
 
 
@@ -533,6 +618,7 @@ class _Judged(_Response):
             # The compensation takes a Fresnel factor times what of an albedo of at most 1 is missing.
             unsure * (THROUGH_MAX + self._fresnel.max_rel),
             unsure * (THROUGH_P999 + self._fresnel.p999_rel),
+            0.0 if self.is_opaque else 1.0,
         )
 
     def judge_around(self, v: Array, around: Surroundings) -> _Part:
@@ -558,6 +644,7 @@ class _Judged(_Response):
             through,
             unsure * (THROUGH_MAX + self._fresnel.max_rel),
             unsure * (THROUGH_P999 + self._fresnel.p999_rel),
+            0.0 if self.is_opaque else 1.0,
         )
 
     def judge_through(self, v: Array, around: Surroundings) -> _Part:

@@ -110,7 +110,9 @@ def _brief(record: Mapping[str, Any]) -> Mapping[str, Any]:
         return record
     shown = {name: record[name] for name in _SHOWN if name in record}
     files = {name: record["files"][name] for name in ("render", "error") if name in record["files"]}
-    return {**shown, "seconds": {"all": sum(record["seconds"].values())}, "files": files, "details": {}}
+    # The wall is sorted by it.
+    details = {name: value for name, value in record["details"].items() if name == "layering"}
+    return {**shown, "seconds": {"all": sum(record["seconds"].values())}, "files": files, "details": details}
 
 
 def page(report: Mapping[str, Any], lines: Sequence[str]) -> str:
@@ -179,6 +181,13 @@ def figure(value: float | None) -> str:
         return "0"
     mantissa, exponent = f"{value:.1e}".split("e")
     return f"{mantissa}e{int(exponent)}"
+
+
+def percent(value: float | None) -> str:
+    """A relative difference, two digits of it."""
+    if value is None:
+        return "not finite"
+    return f"{100 * value:.2g} %" if value < 1.0 else f"{thousands(round(100 * value))} %"
 
 
 def share(value: float | None) -> str:

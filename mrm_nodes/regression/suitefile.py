@@ -24,9 +24,9 @@ import pydantic
 from mrm_nodes import documents, elements, external, filenames
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.library import shared_library
-from mrm_nodes.regression.closure import UnknownClosure, closure_of
+from mrm_nodes.regression.closure import UnknownClosure, closure_of, has_layers
 from mrm_nodes.regression.material import Value
-from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, with_values
+from mrm_nodes.regression.material_case import EnvironmentMap, Layering, MaterialCase, Truth, with_values
 from mrm_nodes.regression.patterns import files_matching
 from mrm_nodes.regression.suitetable import (
     SETTINGS,
@@ -88,8 +88,10 @@ class Suite:
     """What is wrong with materials, a line each with file, line and key: their cases are errors, the others run."""
 
 
-def load(path: Path, allow_external: bool = False) -> Suite:
+def load(path: Path, allow_external: bool = False, layering: Layering | None = None) -> Suite:
     """Read a suite: a TOML file, or a folder whose .mtlx files are the cases.
+
+    layering: in place of what the suite says.
 
     Raises:
         SuiteError: the suite has faults, each with file, line and key.
@@ -99,9 +101,9 @@ def load(path: Path, allow_external: bool = False) -> Suite:
         if not files_matching(_ALL, path):
             raise MrmError(f"{path}: no .mtlx file in this folder")
         table = SuiteTable(case=[CaseTable(material=[_ALL])])
-        return _Maker(path, path, table, allow_external, lambda keys: str(path)).suite()
+        return _Maker(path, path, table, allow_external, lambda keys: str(path), layering).suite()
     table, where = read_table(path)
-    return _Maker(path, path.parent, table, allow_external, where).suite()
+    return _Maker(path, path.parent, table, allow_external, where, layering).suite()
 
 
 _Method = TypeVar("_Method", bound=Callable[..., Any])
@@ -124,13 +126,20 @@ class _Maker:
     """Makes the cases of one suite."""
 
     def __init__(
-        self, path: Path, folder: Path, table: SuiteTable, allow_external: bool, where: Where
+        self,
+        path: Path,
+        folder: Path,
+        table: SuiteTable,
+        allow_external: bool,
+        where: Where,
+        layering: Layering | None,
     ) -> None:
         self._path = path
         self._folder = Path(os.path.abspath(folder))  # noqa: PTH100  links stay as the user wrote them
         self._table = table
         self._allow_external = allow_external
         self._where = where
+        self._layering = layering
         self._faults: list[str] = []
         self._broken: list[str] = []
         self._known: dict[tuple[Any, ...], Any] = {}
@@ -295,7 +304,7 @@ class _Maker:
         except Fault as fault:
             keys = self._given_at(here, table, name, chosen, str(fault.keys[0]))
             raise Fault(keys, fault.message) from None
-        truth, reason = self._truth(here, material, element, inputs, settings)
+        truth, reason, is_layered = self._truth(here, material, element, inputs, settings)
         wrong = self._wrong(material, element)
         if wrong:
             self._broken.append(self._told((*here, "material"), wrong))
@@ -310,6 +319,8 @@ class _Maker:
             broken=bool(wrong),
             depends=tuple(dict.fromkeys([*self._depends(material), *files])),
             allow_external=self._allow_external,
+            # A case that has nothing to tell is the same with it and without: from the cache too.
+            layering=(self._layering or settings.layering or "materialx") if is_layered else "materialx",
             **options,
         )
 
@@ -527,20 +538,23 @@ class _Maker:
         element: str,
         inputs: Mapping[str, Value],
         settings: Settings,
-    ) -> tuple[Truth, str]:
+    ) -> tuple[Truth, str, bool]:
+        """What a case is compared with, why, and whether the evaluator has layers of it to tell of."""
         wanted = settings.truth or "auto"
         wrong = self._wrong(material, element)
         if wrong:
-            return ("baseline" if wanted == "baseline" else "physics"), wrong
+            return ("baseline" if wanted == "baseline" else "physics"), wrong, False
         try:
-            unknown = self._unknown(material, element, tuple(sorted(inputs.items())))
+            unknown, is_layered = self._unknown(material, element, tuple(sorted(inputs.items())))
         except MrmError as error:
             raise Fault((*here, "input" if inputs else "material"), str(error)) from None
         if wanted == "baseline":
-            return "baseline", "the suite says so"
+            return "baseline", "the suite says so", False
         if wanted == "physics" and unknown:
             raise Fault((*here, "truth"), f'{material}: {unknown}: write truth = "baseline" or "auto"')
-        return ("baseline", unknown) if unknown else ("physics", "the evaluator knows all of its lobes")
+        if unknown:
+            return "baseline", unknown, False
+        return "physics", "the evaluator knows all of its lobes", is_layered
 
     @_remembered
     def _elements(self, material: str) -> tuple[list[str], str]:
@@ -570,8 +584,10 @@ class _Maker:
         _, found = self._as_read(material)
         return tuple(map(self._relative, found))
 
-    def _unknown(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
-        """Why the evaluator has no model of a material, or nothing."""
+    def _unknown(
+        self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]
+    ) -> tuple[str, bool]:
+        """Why the evaluator has no model of a material, or nothing; whether it has layers."""
         alike = tuple((path, _alike(value)) for path, value in inputs)
         return self._unknown_alike(material, element, alike)
 
@@ -602,13 +618,15 @@ class _Maker:
         return with_values(document, values, material)
 
     @_remembered
-    def _unknown_alike(self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]) -> str:
+    def _unknown_alike(
+        self, material: str, element: str, inputs: tuple[tuple[str, Value], ...]
+    ) -> tuple[str, bool]:
         try:
             document = self._with_values(material, dict(inputs)) if inputs else self._document(material)
-            closure_of(document, element)
+            closure = closure_of(document, element)
         except UnknownClosure as error:
-            return str(error)
-        return ""
+            return str(error), False
+        return "", has_layers(closure.tree)
 
     def _rooted(self, cases: list[MaterialCase]) -> tuple[MaterialCase, ...]:
         """The cases with the folder above all of their files for root."""

@@ -6,13 +6,15 @@ import difflib
 import fnmatch
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases import MapLight, default_suite, more_image_lights
+from mrm_nodes.regression.cases import Case, MapLight, default_suite, more_image_lights
 from mrm_nodes.regression.cloud import Cloud
 from mrm_nodes.regression.material import NODES
+from mrm_nodes.regression.material_case import Layering, MaterialCase
 from mrm_nodes.regression.outcome import Task
 from mrm_nodes.regression.textured import (
     more_surrounded_cases,
@@ -58,7 +60,10 @@ def transmitting_clouds(configurations: int = CONFIGURATIONS, every: bool = Fals
 
 
 def suite(
-    name: str = "default", configurations: int = CONFIGURATIONS, allow_external: bool = False
+    name: str = "default",
+    configurations: int = CONFIGURATIONS,
+    allow_external: bool = False,
+    layering: Layering | None = None,
 ) -> list[Task]:
     """The tasks of a suite, the longest first.
 
@@ -66,6 +71,7 @@ def suite(
         name: `default`, `full` (more of it), a suite's TOML file, or a folder of materials.
         configurations: of each node, in the default suite.
         allow_external: whether a material may read files outside of its folder and the node libraries.
+        layering: `exact` to be told what MaterialX's rule costs each case that has layers; None: as the suite says.
 
     Raises:
         MrmError: no such suite, or one with faults.
@@ -75,7 +81,7 @@ def suite(
         if name == "full":
             more += [*more_textured_cases(), *more_surrounded_cases(), *transmitting_cases()]
             more += [*transmitting_clouds(configurations, every=True), *more_image_lights()]
-        return [
+        tasks: list[Task] = [
             *clouds(configurations),
             *transmitting_clouds(configurations),
             *more,
@@ -83,6 +89,7 @@ def suite(
             *surrounded_cases(),
             *default_suite(),
         ]
+        return [_told(task, layering or "materialx") for task in tasks]
     path = Path(name)
     if not path.is_dir() and path.suffix != ".toml":
         near = difflib.get_close_matches(name[:100], BUILT_IN)
@@ -90,7 +97,14 @@ def suite(
         raise MrmError(f"unknown suite {name}: {f'did you mean {near[0]}?' if near else known}")
     from mrm_nodes.regression.suitefile import load
 
-    return list(load(path, allow_external).cases)
+    return list(load(path, allow_external, layering).cases)
+
+
+def _told(task: Task, layering: Layering) -> Task:
+    """A task of our own that is told what its layers cost, where it may have any."""
+    if isinstance(task, MaterialCase) or (isinstance(task, Case) and task.base and not task.mirrored):
+        return replace(task, layering=layering)
+    return task
 
 
 def choose(tasks: Sequence[AnyTask], expression: str | None) -> list[AnyTask]:

@@ -139,6 +139,8 @@ class Settings(_Table):
     """An image of the case's size: only its bright pixels count."""
     truth: Literal["auto", "physics", "baseline"] | None = None
     """What the image is compared with; `"auto"` takes physics where it can."""
+    layering: Literal["materialx", "exact"] | None = None
+    """`"exact"` tells, beside the verdict, what MaterialX's rule of layering costs a material that has layers."""
     time_limit: _Seconds | None = None
     """Seconds after which the case is an error."""
 

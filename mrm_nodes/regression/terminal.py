@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextC
 from rich.table import Table
 
 from mrm_nodes.regression.outcome import Outcome
-from mrm_nodes.regression.report import figure, share
+from mrm_nodes.regression.report import figure, percent, share
 
 COLORS = {"pass": "green", "fail": "bold red", "error": "magenta", "undecided": "yellow", "skipped": "dim"}
 
@@ -148,7 +148,23 @@ def print_summary(report: Mapping[str, Any], page: Path, console: Console | None
     if worst:
         console.print("the worst:")
         console.print(_worst(worst))
+    told = layering_told(cases)
+    if told:
+        console.print(escape(told), soft_wrap=True)
     console.print(f"report: {escape(str(page))}", soft_wrap=True)
+
+
+def layering_told(cases: Sequence[Mapping[str, Any]]) -> str:
+    """What the host's rule of layering costs the cases that were to tell it, or nothing."""
+    told = [(case["details"]["layering"], case["name"]) for case in cases if "layering" in case["details"]]
+    if not told:
+        return ""
+    most, name = max(told, key=lambda each: math.inf if each[0]["max_rel"] is None else each[0]["max_rel"])
+    means = [each["mean_rel"] for each, _ in told if each["mean_rel"] is not None]
+    mean = f", mean {percent(sum(means) / len(means))}" if means else ""
+    of = "a case" if len(told) == 1 else f"{len(told)} cases"
+    differs = f"at most {percent(most['max_rel'])} ({name}){mean}, in {of} with layers"
+    return f"MaterialX's layering differs from the exact rule by {differs}"
 
 
 def _by_group(groups: Sequence[tuple[str, str]], cases: Sequence[Mapping[str, Any]]) -> Table:

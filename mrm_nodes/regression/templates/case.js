@@ -386,8 +386,9 @@ function factsOf(each) {
   if (each.details.worst_configurations) facts.push(worstFacts(each.details.worst_configurations));
   else if (compared(each)) facts.push(figureFacts(each));
   if (each.details.image_light) facts.push(imageLightFacts(each.details.image_light));
+  if (each.details.layering) facts.push(layeringFacts(each.details.layering));
   facts.push(el("section", { class: "set-up" }, el("h3", {}, "Set-up"), tree(each.setup)));
-  const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "maps", "worst", "worst_configurations", "image_light"].includes(name)));
+  const others = Object.fromEntries(Object.entries(each.details).filter(([name]) => !["decades", "maps", "worst", "worst_configurations", "image_light", "layering"].includes(name)));
   const files = ["render_data", "reference_data", "source"].filter((name) => each.files[name]);
   facts.push(
     el("section", {}, el("h3", {}, "Truth and files"),
@@ -427,6 +428,14 @@ function imageLightFacts({ samples, points, mean, mean_error, rms, rms_error }) 
   return el("section", {}, el("h3", {}, "Image light beside its integral"),
     mean === undefined ? null : el("table", { class: "figures" }, el("tbody", {}, row("mean", mean, mean_error), row("RMS", rms, rms_error))),
     el("p", { class: "quiet" }, `the sum over ${thousands(samples)} samples, at ${thousands(points)} points, with the integral's standard error; no part of the verdict`));
+}
+
+// What the host's rule of layering costs the material: no part of the verdict, which is by that rule.
+function layeringFacts({ max_rel, mean_rel }) {
+  const row = (label, value) => el("tr", {}, el("th", { scope: "row" }, label), el("td", {}, value === null ? "not finite" : `${Number((100 * value).toPrecision(2))} %`));
+  return el("section", {}, el("h3", {}, "MaterialX's layering beside the exact rule"),
+    el("table", { class: "figures" }, el("tbody", {}, row("at most", max_rel), row("mean", mean_rel))),
+    el("p", { class: "quiet" }, `of the reference, relative to what it is where a base has what its top does not scatter, or to ${figure(PAGE.floor)} where that is less; no part of the verdict`));
 }
 
 function cloudFacts(each) {

@@ -120,6 +120,9 @@ const ORDERS = {
   error: ["Largest error first", (a, b) => rank(b.max_rel, b) - rank(a.max_rel, a)],
   slowest: ["Slowest first", (a, b) => totalSeconds(b) - totalSeconds(a)],
 };
+// What layering costs is there where the run was asked for it.
+const layeringOf = (each) => (each.details.layering ? (each.details.layering.max_rel ?? Infinity) : -1);
+if (CASES.some((each) => each.details.layering)) ORDERS.layering = ["Largest cost of layering first", (a, b) => (layeringOf(b) > layeringOf(a)) - (layeringOf(a) > layeringOf(b))];
 const rank = (value, each) => (value ?? (compared(each) ? Number.MAX_VALUE : -1));
 const LAST = { skipped: 1 };
 

@@ -16,8 +16,9 @@ from .quadrature import quadrature_nodes
 
 #: Largest error of an albedo of at most 1, absolute: that of the fewer nodes, and of the curve.
 ALBEDO_ERROR = 3e-3
-#: The same of a dielectric whose index is below 1: total reflection begins at an edge, which few nodes see as steps.
-INDEX_BELOW_1_ERROR = 2.5e-2
+#: The same where total reflection or transmission begins at an edge, which few nodes see as steps: of an index below
+#: 1, from inside, and of V-cavities that transmit.
+EDGE_ERROR = 2.5e-2
 
 #: Resolution of the quadrature at a point, and of a curve.
 AT_A_POINT, ON_A_CURVE = 48, 64

@@ -179,6 +179,33 @@ def compensation() -> Figure:
     return figure
 
 
+def layering() -> Figure:
+    """What a base has below a coat, by MaterialX's rule and by the coat's own albedo."""
+    figure, axes = axes_of()
+    degrees = np.linspace(0.0, 89.0, 90)
+    view = views(degrees)
+    for name, coat, colour in (
+        ("the yellow tape's beads: F₀ 0.19, F₈₂ 0", ref.GeneralizedSchlick(0.19, 0.0, alpha=0.0529), ORANGE),
+        (
+            "a film of 350 nm on glass",
+            ref.Dielectric(1.5, 0.09, thinfilm_thickness=350.0, thinfilm_ior=2.2),
+            GREEN,
+        ),
+        ("glass, roughness 0.3", ref.Dielectric(1.5, 0.09), BLUE),
+    ):
+        # Green, where a film has a colour.
+        axes.plot(degrees, coat.exact_throughput(view)[:, 1], color=colour, label=name)
+        axes.plot(degrees, coat.throughput(view)[:, 1], color=colour, linestyle="--")
+    axes.set(
+        xlabel="angle of the view, degrees; dashed: by MaterialX's rule",
+        ylabel="what the base keeps",
+        xlim=(0, 90),
+        ylim=(0.0, 1.03),
+    )
+    axes.legend(loc="lower left")
+    return figure
+
+
 FIGURES: dict[str, Callable[[], Figure]] = {
     "model-mirror": mirror,
     "model-lobes": lobes,
@@ -186,6 +213,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "model-masking": masking,
     "model-fresnel": fresnel,
     "model-compensation": compensation,
+    "model-layering": layering,
 }
 
 

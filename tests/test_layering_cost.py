@@ -17,6 +17,7 @@ from mrm_nodes.regression import closure, material, physics, suites
 from mrm_nodes.regression.compare import FLOOR
 from mrm_nodes.regression.suitefile import load
 from mrm_nodes.regression.suitetable import SuiteError
+from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 
 RNG = np.random.default_rng(5)
 
@@ -147,6 +148,19 @@ def test_both_rules_are_the_evaluators(name: str):
     assert np.abs(reference - exact).max() > 0.01
     told = physics.beside_exact(reference, exact)
     assert told["max_rel"] == (np.abs(reference - exact) / np.maximum(np.abs(exact), FLOOR)).max()
+
+
+def test_a_mix_beyond_0_to_1_has_both_rules_and_an_integral():
+    """MaterialX does not clamp it."""
+    points = physics.Points(np.zeros((1, 3)), np.eye(3)[2:], np.eye(3)[:1], (0.0, 0.6, 0.8))
+    mixed = closure.Layer(closure.Mix(TAPE, METAL, 1.5), PAPER)
+    reference, _, exact = physics.shade_both(mixed, points, LIGHTS, lambda port: port)
+    assert np.isfinite(reference).all() and np.isfinite(exact).all()
+    around = BUILT_IN_ENVIRONMENTS["white"]()
+    fg, bg, both = (
+        physics.light_tree(tree, points, around, lambda port: port).mean for tree in (TAPE, METAL, mixed.top)
+    )
+    np.testing.assert_allclose(both, 1.5 * fg - 0.5 * bg, rtol=1e-12)
 
 
 def test_a_tree_has_layers_where_something_lies_on_something():

@@ -253,7 +253,8 @@ def light_tree(tree: Tree, points: Points, environment: Environment, resolve: Re
         mean, error = (placed.tree(tree, kind).eval(view, view) for kind in (_Surrounded, _Uncertain))
     except ValueError as error_of_values:
         raise MrmError(f"the evaluator: {error_of_values}") from None
-    return Estimate(mean, error)
+    # A mix beyond 0 to 1 takes one of its parts away.
+    return Estimate(mean, np.abs(error))
 
 
 def _view(points: Points) -> Array:
@@ -285,7 +286,7 @@ class _Placed:
             case closure.Nothing(opaque):
                 return _Dark(0.0 if opaque else 1.0)
             case closure.Mix(fg, bg, amount):
-                return layers.Mix(self.tree(fg, kind), self.tree(bg, kind), self._number(amount))
+                return _Mix(self.tree(fg, kind), self.tree(bg, kind), self._number(amount))
             case closure.Add(in1, in2):
                 return layers.Add(self.tree(in1, kind), self.tree(in2, kind))
             case closure.Multiply(in1, in2):
@@ -408,6 +409,14 @@ def _as_ours(lobe: Lobe, values: Mapping[str, Any]) -> Mapping[str, Any]:
     if lobe.node not in PLAIN_NODES:
         return values
     return {**values, "masking": "smith", "retroreflectivity": float(values["retroreflective"])}
+
+
+class _Mix(layers.Mix):
+    """As MaterialX has it, which does not clamp `amount`."""
+
+    def _blend(self, front: Array, back: Array) -> Array:
+        share = np.asarray(self.amount)[..., None]
+        return np.asarray(back * (1.0 - share) + front * share)
 
 
 @dataclass(frozen=True)

@@ -156,7 +156,8 @@ def print_summary(report: Mapping[str, Any], page: Path, console: Console | None
 
 def layering_told(cases: Sequence[Mapping[str, Any]]) -> str:
     """What the host's rule of layering costs the cases that were to tell it, or nothing."""
-    told = [(case["details"]["layering"], case["name"]) for case in cases if "layering" in case["details"]]
+    compared = (case for case in cases if case["verdict"] != "error" and "layering" in case["details"])
+    told = [(case["details"]["layering"], case["name"]) for case in compared]
     if not told:
         return ""
     most, name = max(told, key=lambda each: math.inf if each[0]["max_rel"] is None else each[0]["max_rel"])

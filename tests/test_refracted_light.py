@@ -20,6 +20,7 @@ from mrm_nodes.regression.cases import Case, default_suite
 from mrm_nodes.regression.closure import Lobe
 from mrm_nodes.regression.compare import compare
 from mrm_nodes.regression.image_sum import Surroundings, _joined
+from mrm_nodes.regression.material import Value
 from mrm_nodes.regression.material_case import EnvironmentMap
 from mrm_nodes.regression.physics import Points, shade_tree
 from mrm_nodes.regression.worker import Worker
@@ -199,10 +200,13 @@ def sampled(backend: str) -> Seen:
     return Seen(CASES["dielectric-through-in-sky"], backend)
 
 
+OTHERS: dict[str, Value] = {"roughness": (0.4, 0.4), "retroreflectivity": 0.5}
+
+
 @pytest.fixture(scope="module")
 def prefiltered(backend: str) -> Seen:
     case = CASES["dielectric-through-in-sky-prefilter"]
-    return Seen(dataclasses.replace(case, inputs={**case.inputs, "roughness": (0.4, 0.4)}), backend)
+    return Seen(dataclasses.replace(case, inputs={**case.inputs, **OTHERS}), backend)
 
 
 def test_what_is_sound_passes(sampled: Seen, prefiltered: Seen):

@@ -57,7 +57,7 @@ def test_each_node_is_shown_in_every_map_at_every_weight_and_mirrored(node):
     pairs = {(case.inputs.get("distribution"), case.inputs.get("masking")) for case in lit}
     assert {("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity"), ("phong", "vcavity")} <= pairs
     prefiltered = {case.inputs["retroreflectivity"] for case in lit if case.method == "prefilter"}
-    assert prefiltered == {0.0, 0.5, 1.0}
+    assert prefiltered >= {0.0, 0.5, 1.0}
     assert {case.size for case in lit} == {(64, 64)}
 
 

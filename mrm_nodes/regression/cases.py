@@ -361,7 +361,9 @@ def _image_lights() -> Iterator[Case]:
     yield _lit(dielectric, "through-in-sky", {**through, "scatter_mode": "RT"}, sky)
     yield _lit(schlick, "through-in-sky", {**CLEAR, **half, "scatter_mode": "T"}, sky)
     prefiltered = replace(sky, method="prefilter")
-    yield _lit(dielectric, "through-in-sky-prefilter", {**through, "scatter_mode": "T"}, prefiltered)
+    # Clamped, here too.
+    beyond: dict[str, Value] = {**through, "retroreflectivity": 1.3, "scatter_mode": "T"}
+    yield _lit(dielectric, "through-in-sky-prefilter", beyond, prefiltered)
     yield _lit(schlick, "through-in-sky-prefilter", {**CLEAR, **half, "scatter_mode": "RT"}, prefiltered)
 
 

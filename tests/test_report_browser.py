@@ -907,3 +907,17 @@ def test_nothing_reaches_beyond_the_window(opened, width):
     assert page.evaluate("view.dialog.scrollWidth") <= width
     cloud = opened("#case=cloud-dielectric-ggx-smith", viewport={"width": width, "height": 860})
     assert cloud.evaluate("view.dialog.scrollWidth") <= width
+
+
+def test_what_layering_costs_is_shown_and_sorted_by(opened, folder, tmp_path):
+    expect(opened().locator("#sort option[value=layering]")).to_have_count(0)
+    told = outcomes(tmp_path)
+    for outcome, most in zip(told[1:3], (0.02, 0.34), strict=True):
+        outcome.details = {"layering": {"max_rel": most, "mean_rel": most / 10.0}}
+    write_report(tmp_path, ENVIRONMENT, told, 12.5)
+    page = opened("#sort=layering", of=tmp_path)
+    assert names(page)[:2] == ["passes too", "passes"]
+    page = opened("#case=passes%20too", of=tmp_path)
+    facts = page.locator("#facts section", has_text="MaterialX's layering beside the exact rule")
+    expect(facts.locator("td")).to_have_text(["34 %", "3.4 %"])
+    expect(facts).to_contain_text("no part of the verdict")

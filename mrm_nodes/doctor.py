@@ -16,7 +16,7 @@ from mrm_nodes import cachefolder, compilers, library, limits
 from mrm_nodes.errors import MrmError
 from mrm_nodes.host import Host
 from mrm_nodes.reference import Conductor, warmup
-from mrm_nodes.regression.material import NODES, document
+from mrm_nodes.regression.truth.material import NODES, document
 from mrm_nodes.render.context import BACKENDS, probe_backends, unknown_backend
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import Renderer

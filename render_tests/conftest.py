@@ -5,8 +5,8 @@ import tempfile
 
 import pytest
 
-from mrm_nodes.regression.run import required_backends
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.runner import required_backends
+from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.render.context import BACKENDS, probe_backends
 
 

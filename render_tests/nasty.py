@@ -13,7 +13,7 @@ import numpy as np
 
 from mrm_nodes import compiling
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression import worker
+from mrm_nodes.regression.run import worker
 from mrm_nodes.render.context import get_context
 
 

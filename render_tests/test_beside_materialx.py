@@ -9,10 +9,10 @@ import math
 import numpy as np
 import pytest
 
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cloud import attributes_of, place, random_directions, random_inputs
-from mrm_nodes.regression.compare import FLOOR, relative_error
-from mrm_nodes.regression.reference_image import evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.cases.cloud import attributes_of, place, random_directions, random_inputs
+from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.reference_image import evaluator, shade, shading_frame, white_evaluator
+from mrm_nodes.regression.verdict.compare import FLOOR, relative_error
 from mrm_nodes.render.renderer import Renderer
 from mrm_nodes.render.scene import Camera, DirectionalLight
 from mrm_nodes.shadergen import generate_shader

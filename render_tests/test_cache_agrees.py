@@ -12,12 +12,12 @@ import pytest
 
 from mrm_nodes.errors import MrmWarning
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import suites
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.run import run_suite
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.suitetable import SuiteError
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites import selection as suites
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.suites.suitetable import SuiteError
 
 CASES = Path(__file__).parents[1] / ".." / "shared" / "cases"
 """Small documents as other programs write them, where they lie beside the checkout."""

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from mrm_nodes import cli
-from mrm_nodes.regression import suites
-from mrm_nodes.regression.cluster import Cluster
-from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.run.cluster import Cluster
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites import selection as suites
 from mrm_nodes.render.images import write_png
 
 SHOWN = """<materialx version="1.39">

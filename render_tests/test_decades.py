@@ -6,9 +6,9 @@ import os
 
 import pytest
 
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cloud import Cloud, Decade, attributes_of, tally
-from mrm_nodes.regression.suites import CLOUD_PAIRS
+from mrm_nodes.regression.cases.cloud import Cloud, Decade, attributes_of, tally
+from mrm_nodes.regression.suites.selection import CLOUD_PAIRS
+from mrm_nodes.regression.truth import material
 from mrm_nodes.render.renderer import Renderer
 from mrm_nodes.shadergen import generate_shader
 

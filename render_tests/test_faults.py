@@ -6,10 +6,10 @@ import re
 
 import pytest
 
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import Cloud
-from mrm_nodes.regression.executors import Judged
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.cloud import Cloud
+from mrm_nodes.regression.run.pool import Judged
+from mrm_nodes.regression.run.worker import Worker
 
 FAULTS = {
     "a sign flipped in the back-vector": (r"vec3 D = L - V;", "vec3 D = L + V;"),
@@ -63,7 +63,7 @@ def test_every_node_is_caught(outcomes):
 def test_the_command_line_says_so_with_its_status(working_backend, tmp_path, monkeypatch, capsys):
     """End to end: the command ends with status 1, and the report names the case."""
     from mrm_nodes import cli
-    from mrm_nodes.regression import run
+    from mrm_nodes.regression.run import runner as run
 
     fault = planted("a forgotten 1/4")
     monkeypatch.setattr(run, "run_locally", lambda tasks, backend, scratch, *others: (

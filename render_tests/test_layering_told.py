@@ -10,11 +10,11 @@ from typing import Any
 import pytest
 
 from mrm_nodes import cli
-from mrm_nodes.regression import suites
-from mrm_nodes.regression.cluster import Cluster
-from mrm_nodes.regression.inputs import Inputs, key
-from mrm_nodes.regression.run import run_suite
-from mrm_nodes.regression.terminal import layering_told
+from mrm_nodes.regression.cases.digests import Inputs, key
+from mrm_nodes.regression.report.terminal import layering_told
+from mrm_nodes.regression.run.cluster import Cluster
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites import selection as suites
 
 LAYERED = """<materialx version="1.39">
   <mrm_generalized_schlick_bsdf name="coat" type="BSDF">

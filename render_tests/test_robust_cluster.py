@@ -11,13 +11,13 @@ from nasty import Nasty
 
 from mrm_nodes.bench.regress import write_obj
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import suites
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import Cloud
-from mrm_nodes.regression.cluster import Cluster, Store, dask_cluster
-from mrm_nodes.regression.inputs import digest
-from mrm_nodes.regression.run import run_suite
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.cloud import Cloud
+from mrm_nodes.regression.cases.digests import digest
+from mrm_nodes.regression.run.cluster import Cluster, Store, dask_cluster
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites import selection as suites
 from mrm_nodes.render.images import write_exr
 from mrm_nodes.render.mesh import sphere
 
@@ -121,7 +121,7 @@ def test_a_dask_cluster_does_as_one_process(tasks, expected, working_backend, tm
 
 def contents_of_store():
     """On a worker: the digests of what it got, by what it wrote."""
-    from mrm_nodes.regression.cluster import _store
+    from mrm_nodes.regression.run.cluster import _store
 
     return [path.name for path in _store().root.iterdir() if path.is_file()]
 
@@ -149,7 +149,7 @@ def test_contents_that_a_worker_has_are_not_asked_for_again(tmp_path):
 
 def test_a_worker_with_another_library_is_an_error_of_its_cases(working_backend, tmp_path, monkeypatch):
     """Its results would not be this run's."""
-    from mrm_nodes.regression import run
+    from mrm_nodes.regression.run import runner as run
 
     conditions = run.conditions
     monkeypatch.setattr(run, "conditions", lambda driver: {**conditions(driver), "MaterialX": "1.40.0"})

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.runner import run_suite
 from mrm_nodes.render.images import write_exr
 
 CASES = [case for case in default_suite() if case.name.startswith("conductor-ggx-smith")]
@@ -54,7 +54,7 @@ def test_a_disk_is_full_though_the_file_that_failed_is_gone_and_left_its_room(
         with pytest.raises(MrmError, match=r"a\.exr: cannot be written: No space left on device"):
             write_exr(disk / "a.exr", image)
         assert list(disk.iterdir()) == []
-        monkeypatch.setattr("mrm_nodes.regression.run._ROOM", 0)
+        monkeypatch.setattr("mrm_nodes.regression.run.runner._ROOM", 0)
         cases = [replace(case, size=(512, 512)) for case in CASES[:2]]
         with pytest.raises(MrmError, match="No space left on device; what is done is kept"):
             run_suite(cases, disk / "report", working_backend)

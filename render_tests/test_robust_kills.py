@@ -19,10 +19,12 @@ from xml.etree import ElementTree as ET
 import pytest
 
 from mrm_nodes import cli
-from mrm_nodes.regression import journal, run, suites
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.executors import WorkerProcess
-from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.run import journal
+from mrm_nodes.regression.run import runner as run
+from mrm_nodes.regression.run.pool import WorkerProcess
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites import selection as suites
 from mrm_nodes.render.context import probe_backends
 
 KILLS = 25

@@ -13,9 +13,9 @@ import pytest
 from nasty import DEEDS, Nasty
 
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.cluster import Cluster
-from mrm_nodes.regression.executors import WorkerProcess
-from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.run.cluster import Cluster
+from mrm_nodes.regression.run.pool import WorkerProcess
+from mrm_nodes.regression.run.runner import run_suite
 
 LIMIT = 6.0
 FAULTS = {"die": "worker", "hang": "time", "exhaust memory": "memory", "lose context": "opengl"}
@@ -96,7 +96,7 @@ def test_a_worker_process_ends_with_the_one_that_started_it(working_backend):
     """Even in the midst of a draw that never ends."""
     program = (
         "import pathlib, sys, time; from nasty import Nasty;"
-        "from mrm_nodes.regression.executors import WorkerProcess;"
+        "from mrm_nodes.regression.run.pool import WorkerProcess;"
         f"worker = WorkerProcess({working_backend!r}, {{}}); worker.wait_for_answer();"
         "worker.give(Nasty('hang', 'hang'), pathlib.Path(), 100.0); time.sleep(0.5);"
         "print(worker.pid, flush=True); time.sleep(100)"

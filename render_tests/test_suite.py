@@ -7,11 +7,11 @@ import re
 
 import pytest
 
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import Cloud
-from mrm_nodes.regression.run import run_suite
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.cloud import Cloud
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.truth import material
 from mrm_nodes.render.images import read_image
 
 ONE_OF_EACH = list({case.structure: case for case in default_suite() if not case.environment}.values())

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrm_nodes.regression.run import run_suite
-from mrm_nodes.regression.suites import suite
-from mrm_nodes.regression.textured import IMAGED, SUBJECTS, more_textured_cases, picture, textured_cases
+from mrm_nodes.regression.cases.textured import IMAGED, SUBJECTS, more_textured_cases, picture, textured_cases
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites.selection import suite
 from mrm_nodes.render.context import BACKENDS
 
 FULL = bool(os.environ.get("MRM_REGRESS_FULL"))

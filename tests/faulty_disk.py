@@ -164,7 +164,7 @@ def _serve() -> None:
     import OpenImageIO  # noqa: F401
 
     import mrm_nodes
-    import mrm_nodes.regression.suites
+    import mrm_nodes.regression.suites.selection
     import mrm_nodes.regression.testing
     import mrm_nodes.surfaces.convert
 

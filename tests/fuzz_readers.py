@@ -26,11 +26,13 @@ from mrm_nodes.commands.regress import parse_shard
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import shared_library
 from mrm_nodes.naming import named_for_code
-from mrm_nodes.regression import baseline, cache, journal, suitefile
-from mrm_nodes.regression.closure import closure_of
-from mrm_nodes.regression.compare import Figures
-from mrm_nodes.regression.outcome import Outcome, as_record
-from mrm_nodes.regression.run import merge
+from mrm_nodes.regression.cases import baseline
+from mrm_nodes.regression.run import cache, journal
+from mrm_nodes.regression.run.runner import merge
+from mrm_nodes.regression.suites import suitefile
+from mrm_nodes.regression.truth.closure import closure_of
+from mrm_nodes.regression.verdict.compare import Figures
+from mrm_nodes.regression.verdict.outcome import Outcome, as_record
 from mrm_nodes.render import imagelayers
 from mrm_nodes.render.gltffile import buffer_files
 from mrm_nodes.render.meshfile import load_mesh

@@ -546,8 +546,8 @@ class Victim:
 
 
 def _serve(pipe: Connection) -> None:
-    from mrm_nodes.regression import run
-    from mrm_nodes.regression.workshop import Workshop
+    from mrm_nodes.regression.cases.workshop import Workshop
+    from mrm_nodes.regression.run import runner as run
     from mrm_nodes.render import shared_renderer
     from mrm_nodes.render.context import BackendReport
 
@@ -570,9 +570,9 @@ def _judge_one(
     workshop: Any, tasks: Sequence[Any], backend: str, scratch: Path, *others: object
 ) -> Iterator[Any]:
     """In place of worker processes, which would make a verdict of every fault: judge one small case, and here."""
-    from mrm_nodes.regression.executors import Judged
-    from mrm_nodes.regression.outcome import outcome_of
-    from mrm_nodes.regression.worker import JUDGES
+    from mrm_nodes.regression.run.pool import Judged
+    from mrm_nodes.regression.run.worker import JUDGES
+    from mrm_nodes.regression.verdict.outcome import outcome_of
 
     small = [task for task in tasks if max(task.size) <= LARGEST and task.environment is None][:1]
     for number, task in enumerate(tasks):

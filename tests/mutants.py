@@ -28,14 +28,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import cloud, image_case, material, material_case, physics
-from mrm_nodes.regression.cases import MapLight
-from mrm_nodes.regression.cloud import Cloud
-from mrm_nodes.regression.compare import FLOOR, relative_error
-from mrm_nodes.regression.outcome import Task, outcome_of
-from mrm_nodes.regression.suites import CLOUD_PAIRS, suite
-from mrm_nodes.regression.worker import JUDGES
-from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.regression.cases import cloud, image_case, material_case
+from mrm_nodes.regression.cases.builtin import MapLight
+from mrm_nodes.regression.cases.cloud import Cloud
+from mrm_nodes.regression.cases.workshop import Workshop
+from mrm_nodes.regression.run.worker import JUDGES
+from mrm_nodes.regression.suites.selection import CLOUD_PAIRS, suite
+from mrm_nodes.regression.truth import material, physics
+from mrm_nodes.regression.verdict.compare import FLOOR, relative_error
+from mrm_nodes.regression.verdict.outcome import Task, outcome_of
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.render.scene import DirectionalLight
 from mrm_nodes.shadergen import Shader, generate_shader

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase
-from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase
+from mrm_nodes.regression.suites.suitefile import load
 from mrm_nodes.render.mesh import BUILT_IN
 from mrm_nodes.render.scene import CameraLight, DirectionalLight, Framing, Light, PointLight, SpotLight
 from mrm_nodes.surfaces.convert import convert

@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 from mrm_nodes import library, shadergen
 from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression import suitefile
-from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites import suitefile
 from mrm_nodes.render.environment import Environment
 from mrm_nodes.render.mesh import Mesh
 from mrm_nodes.render.meshfile import load_mesh

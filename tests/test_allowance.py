@@ -17,8 +17,8 @@ import pytest
 from fuzzing import BOX, FLAT, METAL
 
 from mrm_nodes import allowance
-from mrm_nodes.regression import suitefile
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites import suitefile
 from mrm_nodes.render.context import BACKENDS, probe_backends
 
 PROGRAM = "from mrm_nodes.cli import main; main()"

@@ -15,13 +15,15 @@ import pytest
 
 from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import baseline, journal, run
-from mrm_nodes.regression.baseline import Missing, Store
-from mrm_nodes.regression.executors import Judged
-from mrm_nodes.regression.material_case import MaterialCase
-from mrm_nodes.regression.outcome import as_record
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases import baseline
+from mrm_nodes.regression.cases.baseline import Missing, Store
+from mrm_nodes.regression.cases.material_case import MaterialCase
+from mrm_nodes.regression.run import journal
+from mrm_nodes.regression.run import runner as run
+from mrm_nodes.regression.run.pool import Judged
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.verdict.outcome import as_record
 from mrm_nodes.render import probe_backends, read_image, write_exr
 from mrm_nodes.render.context import BackendReport
 
@@ -515,7 +517,7 @@ def test_an_acceptance_for_which_there_is_no_room_leaves_the_old_baseline_and_no
     store = Store(tmp_path / "baselines")
     store.accept("a", image(tmp_path, 1.0), {"inputs": "x"}, None)
     before = stored(tmp_path)
-    for full in ("os.fsync", "mrm_nodes.regression.baseline.write_durably"):
+    for full in ("os.fsync", "mrm_nodes.regression.cases.baseline.write_durably"):
         with monkeypatch.context() as patch:
             patch.setattr(full, lambda *_: fill_disk())
             with pytest.raises(MrmError, match="cannot be written: No space left on device"):

@@ -15,8 +15,8 @@ import pytest
 
 from mrm_nodes import files
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import baseline
-from mrm_nodes.regression.baseline import LOG, Store
+from mrm_nodes.regression.cases import baseline
+from mrm_nodes.regression.cases.baseline import LOG, Store
 from mrm_nodes.render.images import write_exr
 
 ROUNDS = 400

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from test_material_case import case_of, write
 
-from mrm_nodes.regression import closure, physics
-from mrm_nodes.regression.closure import Lobe, Nothing, Port, Tree, lobes
-from mrm_nodes.regression.compare import (
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.truth import closure, physics
+from mrm_nodes.regression.truth.closure import Lobe, Nothing, Port, Tree, lobes
+from mrm_nodes.regression.truth.reference_image import light_at
+from mrm_nodes.regression.verdict.compare import (
     HALF_VECTOR_MAX,
     VIEW_MAX,
     Bounds,
@@ -21,9 +23,7 @@ from mrm_nodes.regression.compare import (
     direction_bounds,
     lobe_bounds,
 )
-from mrm_nodes.regression.outcome import Outcome
-from mrm_nodes.regression.reference_image import light_at
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.verdict.outcome import Outcome
 from mrm_nodes.render import probe_backends
 
 MATERIAL = """

@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression import cache as cache_module
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.compare import Figures
-from mrm_nodes.regression.inputs import MISSING, Inputs, conditions, digest, digest_of, key
-from mrm_nodes.regression.journal import checksum, line_of, line_with_sum, parsed
-from mrm_nodes.regression.outcome import Outcome, as_record
+from mrm_nodes.regression.cases.digests import MISSING, Inputs, conditions, digest, digest_of, key
+from mrm_nodes.regression.run import cache as cache_module
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.journal import checksum, line_of, line_with_sum, parsed
+from mrm_nodes.regression.verdict.compare import Figures
+from mrm_nodes.regression.verdict.outcome import Outcome, as_record
 
 KEY = digest(b"key")
 CONTENTS = random.Random(1).randbytes(200_000)

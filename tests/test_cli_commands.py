@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mrm_nodes.library import materials_path, own_libraries
-from mrm_nodes.regression.run import required_backends
+from mrm_nodes.regression.run.runner import required_backends
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.render.images import read_image
 

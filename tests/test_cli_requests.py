@@ -15,11 +15,11 @@ import pytest
 from mrm_nodes import shadergen
 from mrm_nodes.cli import cli
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import terminal
-from mrm_nodes.regression.outcome import Outcome
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.suitetable import SuiteError
-from mrm_nodes.regression.tolerance import Tolerance
+from mrm_nodes.regression.report import terminal
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.suites.suitetable import SuiteError
+from mrm_nodes.regression.verdict.outcome import Outcome
+from mrm_nodes.regression.verdict.tolerance import Tolerance
 from mrm_nodes.render import CameraLight, DirectionalLight, SpotLight, parse_light
 from mrm_nodes.shipped import materials
 

@@ -20,8 +20,8 @@ import mrm_nodes
 from mrm_nodes import compilers, doctor, library, shadergen
 from mrm_nodes.errors import MrmError
 from mrm_nodes.host import Host, read_host
-from mrm_nodes.regression import material, reference_image
-from mrm_nodes.regression.cloud import Cloud, attributes_of, run_cloud
+from mrm_nodes.regression.cases.cloud import Cloud, attributes_of, run_cloud
+from mrm_nodes.regression.truth import material, reference_image
 from mrm_nodes.render.renderer import shared_renderer
 
 # ---- MaterialX 1.39.6, whose energy compensation takes a FresnelData: its rules put into a copy of the libraries

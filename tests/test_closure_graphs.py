@@ -13,8 +13,8 @@ import pytest
 import mrm_nodes
 from mrm_nodes import library, shadergen
 from mrm_nodes.reference import layers
-from mrm_nodes.regression import material
-from mrm_nodes.regression.reference_image import evaluator, light_at, shading_frame
+from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.reference_image import evaluator, light_at, shading_frame
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.render.renderer import RenderedImage
 from mrm_nodes.render.scene import DirectionalLight

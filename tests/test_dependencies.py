@@ -10,10 +10,10 @@ import pytest
 
 from mrm_nodes import cli, documents
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.baseline import fingerprint
-from mrm_nodes.regression.inputs import Inputs, key
-from mrm_nodes.regression.material_case import MaterialCase
-from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.cases.baseline import fingerprint
+from mrm_nodes.regression.cases.digests import Inputs, key
+from mrm_nodes.regression.cases.material_case import MaterialCase
+from mrm_nodes.regression.suites.suitefile import load
 from mrm_nodes.regression.testing import picture
 from mrm_nodes.shadergen import generate_shader
 

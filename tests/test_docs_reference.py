@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 import mrm_nodes
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import suitetable
+from mrm_nodes.regression.suites import suitetable
 
 Array = NDArray[np.float64]
 

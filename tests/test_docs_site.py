@@ -130,7 +130,7 @@ def test_the_reference_has_every_public_name(pages: dict[Path, _Page], site: Pat
 
 
 def test_the_reference_has_every_command_node_and_key(site: Path):
-    from mrm_nodes.regression.suitetable import SETTINGS
+    from mrm_nodes.regression.suites.suitetable import SETTINGS
 
     commands = (site / "reference/commands.html").read_text(encoding="utf-8")
     assert 'id="mrm-nodes-regress"' in commands and "--retry-errors" in commands

@@ -11,7 +11,7 @@ import sweep
 
 from mrm_nodes import shadergen
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.run import required_backends
+from mrm_nodes.regression.run.runner import required_backends
 from mrm_nodes.render.context import BACKENDS, probe_backends
 from mrm_nodes.render.renderer import shared_renderer
 

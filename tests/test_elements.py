@@ -12,7 +12,7 @@ from mrm_nodes import cycles, library
 from mrm_nodes.documents import parse_document, read_document
 from mrm_nodes.elements import find_renderable, used_by
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.suitefile import load
+from mrm_nodes.regression.suites.suitefile import load
 from mrm_nodes.shadergen import generate_shader, supported_targets
 
 PRIVATE = (

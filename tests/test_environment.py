@@ -9,7 +9,7 @@ import OpenImageIO as oiio
 import pytest
 
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.environment_reference import radiance_from
+from mrm_nodes.regression.truth.environment_reference import radiance_from
 from mrm_nodes.render import environment as env
 from mrm_nodes.render.environment import Environment, load_environment
 from mrm_nodes.render.images import write_exr

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from mrm_nodes import bench
 from mrm_nodes.cli import cli, main
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression.material import NODES
+from mrm_nodes.regression.truth.material import NODES
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.render.images import read_image
 

@@ -6,9 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mrm_nodes.regression import material
-from mrm_nodes.regression.environment_reference import compensation, environment_image, reflected_radiance
-from mrm_nodes.regression.reference_image import evaluator, shading_frame
+from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.environment_reference import (
+    compensation,
+    environment_image,
+    reflected_radiance,
+)
+from mrm_nodes.regression.truth.reference_image import evaluator, shading_frame
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.render.environment import Environment, load_environment, sky, studio
 from mrm_nodes.render.renderer import Renderer

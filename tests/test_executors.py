@@ -9,12 +9,12 @@ from types import SimpleNamespace
 import pytest
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import cluster
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import Cloud
-from mrm_nodes.regression.executors import Queue, estimate, threads
-from mrm_nodes.regression.inputs import Inputs, conditions, digest_of
-from mrm_nodes.regression.outcome import as_record, outcome_of
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.cloud import Cloud
+from mrm_nodes.regression.cases.digests import Inputs, conditions, digest_of
+from mrm_nodes.regression.run import cluster
+from mrm_nodes.regression.run.pool import Queue, estimate, threads
+from mrm_nodes.regression.verdict.outcome import as_record, outcome_of
 
 
 def task(name, structure, seconds):

@@ -17,8 +17,8 @@ import pytest
 from faulty_disk import Ended, Machine, contents, machine, without_time
 
 from mrm_nodes.library import own_libraries
-from mrm_nodes.regression.baseline import LOG, Store
-from mrm_nodes.regression.journal import Past, read
+from mrm_nodes.regression.cases.baseline import LOG, Store
+from mrm_nodes.regression.run.journal import Past, read
 
 COUNT = int(os.environ.get("MRM_FAULTS", "0"))
 SEED = int(os.environ.get("MRM_FAULTS_SEED", "1"))
@@ -77,10 +77,11 @@ def template(tmp_path: Path) -> Path:
 def judged_here(*arguments: str) -> int:
     """The command line, with results of which only the files are real, without a worker and OpenGL."""
     from mrm_nodes.cli import main
-    from mrm_nodes.regression import baseline, run
-    from mrm_nodes.regression.executors import Judged
-    from mrm_nodes.regression.outcome import outcome_of
-    from mrm_nodes.regression.pictures import write_pictures
+    from mrm_nodes.regression.cases import baseline
+    from mrm_nodes.regression.cases.pictures import write_pictures
+    from mrm_nodes.regression.run import runner as run
+    from mrm_nodes.regression.run.pool import Judged
+    from mrm_nodes.regression.verdict.outcome import outcome_of
     from mrm_nodes.render.context import BackendReport
 
     def judge(tasks, backend, scratch, *others):  # type: ignore[no-untyped-def]

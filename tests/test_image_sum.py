@@ -6,8 +6,8 @@ import pytest
 from mrm_nodes import reference as ref
 from mrm_nodes.reference import image_light
 from mrm_nodes.reference.image_light import EXACT, Driver
-from mrm_nodes.regression.environment_reference import Estimate, beside_integral, radiance_from, some_of
-from mrm_nodes.regression.image_sum import _joined
+from mrm_nodes.regression.truth.environment_reference import Estimate, beside_integral, radiance_from, some_of
+from mrm_nodes.regression.truth.image_sum import _joined
 from mrm_nodes.render import probe_backends
 from mrm_nodes.render.arithmetic import ALLOWED, measure
 from mrm_nodes.render.environment import Environment, sky

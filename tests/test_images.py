@@ -17,8 +17,8 @@ import pytest
 import mrm_nodes
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.filenames import udim
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites.suitefile import load
 from mrm_nodes.render import (
     Mesh,
     Renderer,

@@ -19,7 +19,7 @@ from random import Random
 import pytest
 from faulty_disk import contents, without_time
 
-from mrm_nodes.regression.run import required_backends
+from mrm_nodes.regression.run.runner import required_backends
 from mrm_nodes.render.context import probe_backends
 
 COUNT = int(os.environ.get("MRM_FAULTS", "1"))

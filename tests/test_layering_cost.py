@@ -13,10 +13,11 @@ from mrm_nodes import reference as ref
 from mrm_nodes.library import host
 from mrm_nodes.reference.albedo_points import ALBEDO_ERROR, EDGE_ERROR, albedo_of_points
 from mrm_nodes.reference.checks import PAIRS
-from mrm_nodes.regression import closure, material, physics, suites
-from mrm_nodes.regression.compare import FLOOR
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.suitetable import SuiteError
+from mrm_nodes.regression.suites import selection as suites
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.suites.suitetable import SuiteError
+from mrm_nodes.regression.truth import closure, material, physics
+from mrm_nodes.regression.verdict.compare import FLOOR
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 
 RNG = np.random.default_rng(5)

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import image_sum, physics
-from mrm_nodes.regression.closure import UnknownClosure, closure_of
-from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, with_values
-from mrm_nodes.regression.outcome import Outcome
-from mrm_nodes.regression.suitefile import DEFAULT_LIGHTS, load
-from mrm_nodes.regression.tolerance import Tolerance
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase, with_values
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites.suitefile import DEFAULT_LIGHTS, load
+from mrm_nodes.regression.truth import image_sum, physics
+from mrm_nodes.regression.truth.closure import UnknownClosure, closure_of
+from mrm_nodes.regression.verdict.outcome import Outcome
+from mrm_nodes.regression.verdict.tolerance import Tolerance
 from mrm_nodes.render import Framing, probe_backends, write_png
 from mrm_nodes.render.environment import Environment
 from mrm_nodes.shadergen import Shader

@@ -13,7 +13,7 @@ import pytest
 import sweep
 from sweep import inner, start, write_obj
 
-from mrm_nodes.regression.material import document
+from mrm_nodes.regression.truth.material import document
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.render.scene import Camera, DirectionalLight

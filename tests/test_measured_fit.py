@@ -20,7 +20,7 @@ from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.measured import MODELS, Measurement, fit, folds, leave_angles_out, read
 from mrm_nodes.measured.fitting import usable, weights
 from mrm_nodes.measured.models import PARAMETERS, find_model
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.render import probe_backends
 
 Run = Callable[..., tuple[int, str, str]]

@@ -6,7 +6,7 @@ import pytest
 from mutants import Suite, chosen, functions, mutants
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cloud import Cloud
+from mrm_nodes.regression.cases.cloud import Cloud
 from mrm_nodes.render import probe_backends
 
 TEXT = """float mrm_made(vec3 V, float x)

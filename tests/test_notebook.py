@@ -14,7 +14,7 @@ import mrm_nodes
 from mrm_nodes import reference as ref
 from mrm_nodes.library import materials_path
 from mrm_nodes.reference.polar import profile
-from mrm_nodes.regression.run import Report
+from mrm_nodes.regression.run.runner import Report
 from mrm_nodes.render import probe_backends, read_image
 
 TAPE = ref.GeneralizedSchlick(0.04, alpha=0.006, retroreflectivity=1.0)

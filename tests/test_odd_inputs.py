@@ -10,7 +10,7 @@ from test_material_case import case_of, write
 from test_ordinary_lights import COLOUR, LOBE, number, of_node
 
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.render import probe_backends
 from mrm_nodes.shadergen import generate_shader
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from test_material_case import case_of, write
 
-from mrm_nodes.regression.reference_image import light_at, light_errors
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.truth.reference_image import light_at, light_errors
 from mrm_nodes.render import (
     CameraLight,
     DirectionalLight,

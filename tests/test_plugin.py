@@ -203,7 +203,7 @@ def test_two_tests_of_two_processes_cannot_share_a_name_either(studio):
 def test_an_acceptance_that_another_run_forestalled_fails_its_test_and_is_not_counted(studio):
     studio.path.joinpath("tests/test_late.py").write_text(
         """
-from mrm_nodes.regression.baseline import Store
+from mrm_nodes.regression.cases.baseline import Store
 
 def test_late(mrm_render, mrm_assert_image, monkeypatch):
     standing = Store.standing

@@ -18,10 +18,10 @@ from power_cut import Volume, lay_out, ways
 from test_run import EGL, NO_OSMESA, Copy, Judges
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import run
-from mrm_nodes.regression.baseline import LOG, Store
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.run import merge, run_suite
+from mrm_nodes.regression.cases.baseline import LOG, Store
+from mrm_nodes.regression.run import runner as run
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.runner import merge, run_suite
 from mrm_nodes.render.images import write_exr
 
 SEED = int(os.environ.get("MRM_FAULTS_SEED", "1"))

@@ -17,9 +17,9 @@ import pytest
 from random_materials import write_case
 
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression import material_case
-from mrm_nodes.regression.compare import NOTICED
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases import material_case
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.verdict.compare import NOTICED
 from mrm_nodes.render import probe_backends
 
 COUNT = int(os.environ.get("MRM_RANDOM", "2"))

@@ -15,15 +15,15 @@ from mrm_nodes import reference as ref
 from mrm_nodes.reference.compiled import run
 from mrm_nodes.reference.image_light import EXACT
 from mrm_nodes.reference.refracted_light import REFRACT, host_index, refracted_samples, transmitted_share
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cases import Case, default_suite
-from mrm_nodes.regression.closure import Lobe
-from mrm_nodes.regression.compare import compare
-from mrm_nodes.regression.image_sum import Surroundings, _joined
-from mrm_nodes.regression.material import Value
-from mrm_nodes.regression.material_case import EnvironmentMap
-from mrm_nodes.regression.physics import Points, shade_tree
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases.builtin import Case, default_suite
+from mrm_nodes.regression.cases.material_case import EnvironmentMap
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.closure import Lobe
+from mrm_nodes.regression.truth.image_sum import Surroundings, _joined
+from mrm_nodes.regression.truth.material import Value
+from mrm_nodes.regression.truth.physics import Points, shade_tree
+from mrm_nodes.regression.verdict.compare import compare
 from mrm_nodes.render import probe_backends
 from mrm_nodes.render.arithmetic import measure
 from mrm_nodes.render.environment import Environment, sky

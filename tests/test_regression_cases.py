@@ -5,9 +5,9 @@ import re
 import pytest
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cases import ALPHAS, default_suite
-from mrm_nodes.regression.suites import choose, clouds, suite
+from mrm_nodes.regression.cases.builtin import ALPHAS, default_suite
+from mrm_nodes.regression.suites.selection import choose, clouds, suite
+from mrm_nodes.regression.truth import material
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 from mrm_nodes.render.scene import CameraLight, DirectionalLight, PointLight, SpotLight
 from mrm_nodes.shadergen import generate_shader

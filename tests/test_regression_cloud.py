@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cloud import (
+from mrm_nodes.regression.cases.cloud import (
     DECADES,
     GRAZING,
     LOBE,
@@ -21,7 +20,8 @@ from mrm_nodes.regression.cloud import (
     run_cloud,
     tally,
 )
-from mrm_nodes.regression.reference_image import evaluator, shading_frame
+from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.reference_image import evaluator, shading_frame
 
 N = 20_000
 
@@ -90,7 +90,7 @@ class FakeRenderer:
         self.node, self.error = node, error
 
     def draw_points(self, shader, attributes, camera_position, lights, uniforms):
-        from mrm_nodes.regression.reference_image import shade
+        from mrm_nodes.regression.truth.reference_image import shade
         from mrm_nodes.render.scene import Camera
 
         inputs = material.inputs_of(self.node)

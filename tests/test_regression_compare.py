@@ -5,7 +5,7 @@ import pytest
 
 from mrm_nodes import reference
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.compare import (
+from mrm_nodes.regression.verdict.compare import (
     FLOOR,
     NEAR_COSINE_MAX,
     VIEW_MAX,

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from mrm_nodes.regression import material
-from mrm_nodes.regression.reference_image import evaluator, light_at, shade, shading_frame
+from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.reference_image import evaluator, light_at, shade, shading_frame
 from mrm_nodes.render.scene import Camera, CameraLight, DirectionalLight, PointLight, SpotLight
 
 CAMERA = Camera(position=(0.0, 0.0, 2.0))

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import report as report_module
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import Cloud
-from mrm_nodes.regression.compare import Figures
-from mrm_nodes.regression.outcome import as_record, from_record, outcome_of
-from mrm_nodes.regression.perceptual import exposure_for
-from mrm_nodes.regression.pictures import HEAT_OVER, heat_map, page_data, write_pictures
-from mrm_nodes.regression.report import PIECE, figure, share, write_report
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.cloud import Cloud
+from mrm_nodes.regression.cases.pictures import HEAT_OVER, heat_map, page_data, write_pictures
+from mrm_nodes.regression.report import page as report_module
+from mrm_nodes.regression.report.page import PIECE, figure, share, write_report
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.verdict.compare import Figures
+from mrm_nodes.regression.verdict.outcome import as_record, from_record, outcome_of
+from mrm_nodes.regression.verdict.perceptual import exposure_for
 from mrm_nodes.render import probe_backends, read_image, render
 from mrm_nodes.render.exposure import auto_exposure
 from mrm_nodes.render.tonemap import find_tonemap, srgb_encoded

@@ -11,13 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.cloud import DECADES, MAP_ALPHAS, MAP_ANGLES, Cloud
-from mrm_nodes.regression.compare import VERDICTS
-from mrm_nodes.regression.outcome import Outcome, outcome_of
-from mrm_nodes.regression.pictures import write_pictures
-from mrm_nodes.regression.report import MOST_INSIDE, PIECE, figure, share, write_report
-from mrm_nodes.regression.tolerance import Tolerance, compare_images
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.cloud import DECADES, MAP_ALPHAS, MAP_ANGLES, Cloud
+from mrm_nodes.regression.cases.pictures import write_pictures
+from mrm_nodes.regression.report.page import MOST_INSIDE, PIECE, figure, share, write_report
+from mrm_nodes.regression.verdict.compare import VERDICTS
+from mrm_nodes.regression.verdict.outcome import Outcome, outcome_of
+from mrm_nodes.regression.verdict.tolerance import Tolerance, compare_images
 from mrm_nodes.render.images import read_image
 from mrm_nodes.render.tonemap import find_tonemap
 from mrm_nodes.render.webgl import INSTALL, find_browser

@@ -15,13 +15,13 @@ from rich.console import Console
 from mrm_nodes import cli
 from mrm_nodes.commands.regress import regress
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression import run
-from mrm_nodes.regression.cases import default_suite
-from mrm_nodes.regression.compare import Figures
-from mrm_nodes.regression.junit import junit_xml
-from mrm_nodes.regression.outcome import as_record, outcome_of
-from mrm_nodes.regression.report import summarise
-from mrm_nodes.regression.terminal import print_summary
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.report.junit import junit_xml
+from mrm_nodes.regression.report.page import summarise
+from mrm_nodes.regression.report.terminal import print_summary
+from mrm_nodes.regression.run import runner as run
+from mrm_nodes.regression.verdict.compare import Figures
+from mrm_nodes.regression.verdict.outcome import as_record, outcome_of
 
 ENVIRONMENT = {
     "date": "2026-07-01 12:34 UTC",

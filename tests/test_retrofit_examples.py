@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mrm_nodes import filenames
 from mrm_nodes.documents import read_document
-from mrm_nodes.regression.compare import relative_error
+from mrm_nodes.regression.verdict.compare import relative_error
 from mrm_nodes.render import DirectionalLight, probe_backends, render, write_png
 from mrm_nodes.shadergen import generate_shader
 from mrm_nodes.surfaces import known_surfaces

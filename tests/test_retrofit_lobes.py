@@ -22,7 +22,7 @@ from surface_lobes import (
     with_our_departures,
 )
 
-from mrm_nodes.regression.compare import FLOOR, direction_bounds, fresnel_bounds
+from mrm_nodes.regression.verdict.compare import FLOOR, direction_bounds, fresnel_bounds
 from mrm_nodes.render.context import probe_backends
 from mrm_nodes.surfaces import Surface, known_surfaces
 

@@ -25,8 +25,8 @@ import mrm_nodes
 from mrm_nodes.documents import read_document
 from mrm_nodes.elements import check_document
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.compare import relative_error
-from mrm_nodes.regression.reference_image import shade, shading_frame
+from mrm_nodes.regression.truth.reference_image import shade, shading_frame
+from mrm_nodes.regression.verdict.compare import relative_error
 from mrm_nodes.render import CameraLight, RenderedImage, probe_backends, render, write_exr
 from mrm_nodes.shadergen import Shader
 from mrm_nodes.surfaces import Surface, known_surfaces

@@ -16,9 +16,9 @@ from mrm_nodes.documents import read_document
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import host
 from mrm_nodes.photometry.retroreflector import ClearTop, Retroreflector, SecondWidth
-from mrm_nodes.regression import physics
-from mrm_nodes.regression.closure import Driven, Port, closure_of
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.truth import physics
+from mrm_nodes.regression.truth.closure import Driven, Port, closure_of
 from mrm_nodes.render import probe_backends
 
 BARE = Retroreflector(0.0435, 0.211)

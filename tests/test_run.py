@@ -18,11 +18,12 @@ import pytest
 
 from mrm_nodes import cli
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression import journal, run
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.executors import Judged
-from mrm_nodes.regression.outcome import Fault, fault_of, outcome_of
-from mrm_nodes.regression.run import merge, plan_backends, run_suite, shard_of
+from mrm_nodes.regression.run import journal
+from mrm_nodes.regression.run import runner as run
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.pool import Judged
+from mrm_nodes.regression.run.runner import merge, plan_backends, run_suite, shard_of
+from mrm_nodes.regression.verdict.outcome import Fault, fault_of, outcome_of
 from mrm_nodes.render.context import BackendReport
 
 EGL = BackendReport("egl", True, "Mesa", "llvmpipe", "4.5")
@@ -159,8 +160,8 @@ def test_what_is_known_needs_no_evaluator():
     """A run whose results are all in the cache waits for none of what only a worker needs."""
     program = """
         import sys
-        import mrm_nodes.commands.regress, mrm_nodes.regression.run, mrm_nodes.regression.suites
-        import mrm_nodes.regression.worker
+        import mrm_nodes.commands.regress, mrm_nodes.regression.run.runner, mrm_nodes.regression.suites.selection
+        import mrm_nodes.regression.run.worker
         assert not {"numba", "scipy"} & {*sys.modules}
     """
     subprocess.run([sys.executable, "-c", textwrap.dedent(program)], check=True)

@@ -8,7 +8,8 @@ import pytest
 from mrm_nodes import documents, elements, library
 from mrm_nodes.bench import scale as bench_scale
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import closure, suitefile
+from mrm_nodes.regression.suites import suitefile
+from mrm_nodes.regression.truth import closure
 
 SURFACES = ("standard_surface", "open_pbr_surface", "gltf_pbr")
 

@@ -17,12 +17,13 @@ from fuzzing import write_seeds
 from mrm_nodes import cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import suitefile, suites
-from mrm_nodes.regression.baseline import fingerprint
-from mrm_nodes.regression.inputs import Inputs, key
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.suitetable import SuiteError
-from mrm_nodes.regression.tolerance import Tolerance
+from mrm_nodes.regression.cases.baseline import fingerprint
+from mrm_nodes.regression.cases.digests import Inputs, key
+from mrm_nodes.regression.suites import selection as suites
+from mrm_nodes.regression.suites import suitefile
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.suites.suitetable import SuiteError
+from mrm_nodes.regression.verdict.tolerance import Tolerance
 from mrm_nodes.render import Camera, CameraLight, DirectionalLight
 
 METAL = """<materialx version="1.39">

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.suitetable import SETTINGS, CaseTable
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.suites.suitetable import SETTINGS, CaseTable
 
 PAGE = (Path(__file__).parents[1] / "docs" / "suites.md").read_text(encoding="utf-8")
 SIGN = """<materialx version="1.39">

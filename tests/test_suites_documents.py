@@ -14,11 +14,12 @@ import pytest
 from mrm_nodes import documents, elements, external
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression import inputs, suitefile
-from mrm_nodes.regression.material_case import MaterialCase
-from mrm_nodes.regression.patterns import files_matching
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.suitetable import SuiteError, read_table
+from mrm_nodes.regression.cases import digests as inputs
+from mrm_nodes.regression.cases.material_case import MaterialCase
+from mrm_nodes.regression.suites import suitefile
+from mrm_nodes.regression.suites.patterns import files_matching
+from mrm_nodes.regression.suites.suitefile import load
+from mrm_nodes.regression.suites.suitetable import SuiteError, read_table
 
 LIT = """
 <mrm_conductor_bsdf name="foil" type="BSDF" />

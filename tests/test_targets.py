@@ -17,7 +17,7 @@ import pytest
 from mrm_nodes import cli, compilers, doctor, library, limits, shadergen
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression import targets
-from mrm_nodes.regression.material import NODES, document, inputs_of
+from mrm_nodes.regression.truth.material import NODES, document, inputs_of
 
 TARGETS = shadergen.supported_targets()
 #: A node without the choice reflects.

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.tolerance import Comparison, Tolerance, compare_images
+from mrm_nodes.regression.verdict.tolerance import Comparison, Tolerance, compare_images
 
 SIZE = (40, 50)
 MASK = np.ones(SIZE, bool)

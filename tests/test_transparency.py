@@ -11,10 +11,10 @@ from gltf_writer import SQUARE, write_glb
 
 from mrm_nodes import shadergen
 from mrm_nodes.errors import MrmWarning
-from mrm_nodes.regression.material_case import MaterialCase, _Bench
-from mrm_nodes.regression.outcome import Outcome
-from mrm_nodes.regression.worker import Worker
-from mrm_nodes.regression.workshop import Workshop
+from mrm_nodes.regression.cases.material_case import MaterialCase, _Bench
+from mrm_nodes.regression.cases.workshop import Workshop
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.verdict.outcome import Outcome
 from mrm_nodes.render import BACKENDS, Camera, DirectionalLight, load_mesh, plane, render, sphere
 from mrm_nodes.render.environment import find_environment
 from mrm_nodes.shadergen import generate_shader, supported_targets

@@ -14,8 +14,8 @@ from numpy.testing import assert_allclose
 import mrm_nodes
 from mrm_nodes.cli import cli
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.suitefile import load
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites.suitefile import load
 from mrm_nodes.render import Renderer, plane, probe_backends, write_png
 
 UNLIT = """

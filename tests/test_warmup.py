@@ -12,9 +12,9 @@ from numba import config
 from mrm_nodes import cli, compiling, reference
 from mrm_nodes.reference import compiled, warmup
 from mrm_nodes.reference.compiled import Kernel
-from mrm_nodes.regression import executors
-from mrm_nodes.regression.executors import Lost, WorkerProcess, run_locally
-from mrm_nodes.regression.outcome import Outcome, needs_evaluator, timed
+from mrm_nodes.regression.run import pool as executors
+from mrm_nodes.regression.run.pool import Lost, WorkerProcess, run_locally
+from mrm_nodes.regression.verdict.outcome import Outcome, needs_evaluator, timed
 
 
 def double(start, stop, inputs, dense, modes, outputs):
@@ -145,7 +145,7 @@ def test_everything_that_numba_compiles_is_counted():
 SPEECH = """
 import sys, time
 from multiprocessing.connection import Connection
-from mrm_nodes.regression.executors import Compiled, Compiling
+from mrm_nodes.regression.run.pool import Compiled, Compiling
 connection = Connection(int(sys.argv[1]))
 {start}
 connection.send("some OpenGL")
@@ -197,7 +197,9 @@ def test_what_never_ends_compiling_is_given_up(monkeypatch, tmp_path):
 
 def test_the_start_is_announced_as_one_however_many_workers_share_it(monkeypatch, tmp_path):
     say = "[connection.send(Compiled(*each)) for each in [('', 0, 3), ('a', 1, 3), ('b', 2, 3), ('c', 3, 3)]]"
-    outcome = "from mrm_nodes.regression.outcome import Outcome; o = Outcome('a', 'none', 'egl', 'pass')"
+    outcome = (
+        "from mrm_nodes.regression.verdict.outcome import Outcome; o = Outcome('a', 'none', 'egl', 'pass')"
+    )
     speaking(monkeypatch, say, f"{outcome}; connection.send((o, [], True))")
     # The workers unpickle the task.
     monkeypatch.setattr(sys, "path", [os.path.dirname(__file__), *sys.path])  # noqa: PTH120

@@ -10,8 +10,8 @@ import pytest
 
 from mrm_nodes import shadergen
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cloud import DECADES, Cloud, attributes_of, run_cloud
+from mrm_nodes.regression.cases.cloud import DECADES, Cloud, attributes_of, run_cloud
+from mrm_nodes.regression.truth import material
 from mrm_nodes.render.webgl import INSTALL, WebGLRenderer, find_browser
 
 if find_browser() is None:

@@ -22,7 +22,7 @@ from mkdocs.structure.files import File, Files
 
 import mrm_nodes
 from mrm_nodes.cli import cli
-from mrm_nodes.regression import suitetable
+from mrm_nodes.regression.suites import suitetable
 
 ROOT = Path(__file__).parents[2]
 _GLSL_FUNCTION = re.compile(r"^(?:\w+ )+(\w+)\(", re.MULTILINE)

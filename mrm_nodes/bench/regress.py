@@ -24,12 +24,12 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.cases import AROUND, FRONT, Case, default_suite
-from mrm_nodes.regression.compare import Bounds, compare
-from mrm_nodes.regression.executors import threads
-from mrm_nodes.regression.image_case import source_of
-from mrm_nodes.regression.run import run_suite
+from mrm_nodes.regression.cases.builtin import AROUND, FRONT, Case, default_suite
+from mrm_nodes.regression.cases.image_case import source_of
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.pool import threads
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.verdict.compare import Bounds, compare
 from mrm_nodes.render.images import read_image, write_exr
 from mrm_nodes.render.mesh import Mesh, sphere
 
@@ -197,7 +197,7 @@ def _fresh(function: Callable[..., Any], *arguments: Any) -> Any:
 def _run_here(chosen: Sequence[Case], backend: str) -> tuple[float, float]:
     """Seconds of all cases, and those of them until the pixels are there."""
     os.environ.update(ONE_THREAD)
-    from mrm_nodes.regression.worker import Worker
+    from mrm_nodes.regression.run.worker import Worker
     from mrm_nodes.render.context import get_context
 
     worker = Worker(get_context(backend).backend)

@@ -23,11 +23,11 @@ from typing import Any
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.library import materials_path
-from mrm_nodes.regression.cache import Cache
-from mrm_nodes.regression.cluster import Cluster, Order, Result
-from mrm_nodes.regression.outcome import as_record
-from mrm_nodes.regression.run import run_suite
-from mrm_nodes.regression.suites import suite
+from mrm_nodes.regression.run.cache import Cache
+from mrm_nodes.regression.run.cluster import Cluster, Order, Result
+from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.suites.selection import suite
+from mrm_nodes.regression.verdict.outcome import as_record
 
 CASES_EACH = 5
 """Cases of a material: five lights, or five values of one input."""
@@ -189,7 +189,7 @@ class _Drawn:
 
 def _draw(file: Path, backend: str) -> _Drawn:
     """Judge the first case of a suite."""
-    from mrm_nodes.regression.worker import Worker
+    from mrm_nodes.regression.run.worker import Worker
     from mrm_nodes.render.context import get_context
 
     with tempfile.TemporaryDirectory() as name:

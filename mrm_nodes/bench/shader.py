@@ -20,7 +20,7 @@ import moderngl
 import numpy as np
 
 from mrm_nodes.library import shared_library
-from mrm_nodes.regression.material import NODES
+from mrm_nodes.regression.truth.material import NODES
 from mrm_nodes.render.context import GLContext, get_context
 from mrm_nodes.render.environment import Environment, EnvironmentTextures, studio
 from mrm_nodes.render.renderer import render

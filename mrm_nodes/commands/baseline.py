@@ -18,7 +18,7 @@ from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.files import read_bytes
 
 if TYPE_CHECKING:
-    from mrm_nodes.regression.material_case import MaterialCase
+    from mrm_nodes.regression.cases.material_case import MaterialCase
 
 FAILED = 1
 
@@ -74,7 +74,7 @@ def accept(
     """
     import json
 
-    from mrm_nodes.regression.baseline import fingerprint
+    from mrm_nodes.regression.cases.baseline import fingerprint
 
     if not (reason or "").strip():
         raise MrmError(
@@ -144,8 +144,8 @@ def diff(cases: tuple[str, ...], suite: Path, report: Path, backend: str | None,
     from rich.console import Console
     from rich.table import Table
 
-    from mrm_nodes.regression.material_case import BASELINE_TOLERANCE
-    from mrm_nodes.regression.tolerance import compare_images
+    from mrm_nodes.regression.cases.material_case import BASELINE_TOLERANCE
+    from mrm_nodes.regression.verdict.tolerance import compare_images
     from mrm_nodes.render.images import read_image
 
     run = _Run(report, backend)
@@ -178,7 +178,7 @@ def status(suite: Path, report: Path, backend: str | None, allow_external: bool)
     from rich.console import Console
     from rich.table import Table
 
-    from mrm_nodes.regression.suitefile import load
+    from mrm_nodes.regression.suites.suitefile import load
 
     table = Table("case", "state", "made by", "decided by", "when", "why")
     sound = True
@@ -197,7 +197,7 @@ def status(suite: Path, report: Path, backend: str | None, allow_external: bool)
 
 def _state(case: MaterialCase) -> tuple[str, dict[str, Any]]:
     """How a case's baseline stands, and the last decision on it, with the version that made the image."""
-    from mrm_nodes.regression.baseline import Missing, fingerprint, made_by
+    from mrm_nodes.regression.cases.baseline import Missing, fingerprint, made_by
 
     decisions = [entry for entry in case.store.decisions() if entry.get("case") == case.name]
     last = decisions[-1] if decisions else {}
@@ -230,7 +230,7 @@ def _chosen(patterns: Sequence[str], suite: Path, allow_external: bool) -> list[
     Raises:
         MrmError: one means none, or a case that has no baseline.
     """
-    from mrm_nodes.regression.suitefile import load
+    from mrm_nodes.regression.suites.suitefile import load
 
     cases = load(suite, allow_external).cases
     stored = [case for case in cases if case.truth == "baseline" and not case.broken]

@@ -28,7 +28,7 @@ def warmup() -> None:
     mrm-nodes warmup
     """
     from mrm_nodes.reference.warmup import folder, warm_up
-    from mrm_nodes.regression import terminal
+    from mrm_nodes.regression.report import terminal
 
     with terminal.progress() as shown:
         count = warm_up(lambda name, done, total: shown.compiled(done, total))

@@ -158,8 +158,10 @@ def regress(
     mrm-nodes regress -o report
     mrm-nodes regress --suite suite.toml --jobs 8 --junit results.xml
     """
-    from mrm_nodes.regression import cache, cluster, suites, terminal
-    from mrm_nodes.regression.run import run_suite
+    from mrm_nodes.regression.report import terminal
+    from mrm_nodes.regression.run import cache, cluster
+    from mrm_nodes.regression.run.runner import run_suite
+    from mrm_nodes.regression.suites import selection as suites
 
     click.get_current_context().with_resource(terminal.each_warning_once())
     keep_memory_limit(memory_limit)
@@ -219,7 +221,7 @@ def merge(
     \b
     mrm-nodes merge -o report part1 part2 part3
     """
-    from mrm_nodes.regression import run
+    from mrm_nodes.regression.run import runner as run
 
     _prepare(folder, json_file, junit)
     with progress("merge", len(parts)) as step:
@@ -230,7 +232,7 @@ def merge(
 def _prepare(folder: Path, *files: Path | None) -> None:
     """Find out before a long run whether files can be written after it, and that no baseline is in their way."""
     from mrm_nodes.files import prepare_folder
-    from mrm_nodes.regression.baseline import holds_baselines
+    from mrm_nodes.regression.cases.baseline import holds_baselines
 
     if holds_baselines(folder):
         raise MrmError(f"{folder}: baselines lie there; choose another folder with -o")
@@ -261,7 +263,7 @@ def _publish(
     """Write and print what is asked for of a report, and return the exit status."""
     from rich.console import Console
 
-    from mrm_nodes.regression import terminal
+    from mrm_nodes.regression.report import terminal
 
     _write(report, json_file, junit, strict)
     # The report alone is on stdout where it was asked for there.
@@ -276,8 +278,8 @@ def _publish(
 def _write(report: Mapping[str, Any], json_file: Path | None, junit: Path | None, strict: bool) -> None:
     """Write what is asked for besides the page."""
     from mrm_nodes.files import write_text
-    from mrm_nodes.regression.junit import junit_xml
-    from mrm_nodes.regression.report import report_text
+    from mrm_nodes.regression.report.junit import junit_xml
+    from mrm_nodes.regression.report.page import report_text
 
     if junit is not None:
         write_text(junit, junit_xml(report, strict))

@@ -28,8 +28,8 @@ def check(file: Path, allow_external: bool) -> int:
     \b
     mrm-nodes suite check suite.toml
     """
-    from mrm_nodes.regression.suitefile import load
-    from mrm_nodes.regression.suitetable import SuiteError
+    from mrm_nodes.regression.suites.suitefile import load
+    from mrm_nodes.regression.suites.suitetable import SuiteError
 
     try:
         found = load(file, allow_external)
@@ -59,8 +59,8 @@ def list_cases(file: Path, expression: str | None, allow_external: bool) -> None
     \b
     mrm-nodes suite list suite.toml
     """
-    from mrm_nodes.regression import suites
-    from mrm_nodes.regression.suitefile import load
+    from mrm_nodes.regression.suites import selection as suites
+    from mrm_nodes.regression.suites.suitefile import load
 
     cases = suites.choose(load(file, allow_external).cases, expression)
     rows = [("case", "material", "mesh", "size", "truth", "why")]
@@ -103,4 +103,4 @@ def init(folder: Path) -> None:
     click.echo(f"run it with: mrm-nodes regress --suite {folder / 'suite.toml'}")
 
 
-TEMPLATE = Path(__file__).parents[1] / "regression" / "templates" / "suite.toml"
+TEMPLATE = Path(__file__).parents[1] / "regression" / "suites" / "suite.toml"

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from mrm_nodes.documents import read_document
 from mrm_nodes.elements import check_document, find_renderable
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.closure import Closure, Driven, Port, closure_of, lobes, ports
-from mrm_nodes.regression.physics import Points, respond
+from mrm_nodes.regression.truth.closure import Closure, Driven, Port, closure_of, lobes, ports
+from mrm_nodes.regression.truth.physics import Points, respond
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.shadergen import Shader, generate_shader
 from mrm_nodes.shipped import material_file

@@ -7,15 +7,15 @@ from typing import Any
 
 #: Public names and the module of each; loaded when first used: a worker needs few of them.
 _PUBLIC = {
-    "Cache": "cache",
-    "Cluster": "cluster",
-    "MaterialCase": "material_case",
-    "Outcome": "outcome",
-    "Tolerance": "tolerance",
-    "dask_cluster": "cluster",
-    "merge": "run",
-    "run_suite": "run",
-    "suite": "suites",
+    "Cache": "run.cache",
+    "Cluster": "run.cluster",
+    "MaterialCase": "cases.material_case",
+    "Outcome": "verdict.outcome",
+    "Tolerance": "verdict.tolerance",
+    "dask_cluster": "run.cluster",
+    "merge": "run.runner",
+    "run_suite": "run.runner",
+    "suite": "suites.selection",
 }
 
 __all__ = [

@@ -8,9 +8,9 @@ from typing import Any
 
 from mrm_nodes import compilers, shadergen
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression import material
-from mrm_nodes.regression.cloud import Cloud, attributes_of, run_cloud
-from mrm_nodes.regression.suites import CLOUD_PAIRS
+from mrm_nodes.regression.cases.cloud import Cloud, attributes_of, run_cloud
+from mrm_nodes.regression.suites.selection import CLOUD_PAIRS
+from mrm_nodes.regression.truth import material
 
 
 @dataclass(frozen=True)

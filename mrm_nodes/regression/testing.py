@@ -23,17 +23,17 @@ from numpy.typing import NDArray
 from mrm_nodes import documents, external, shadergen
 from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.files import ABANDONED, clear, lock, write_text
-from mrm_nodes.regression import baseline
-from mrm_nodes.regression.inputs import versions
-from mrm_nodes.regression.junit import in_words
-from mrm_nodes.regression.material_case import EnvironmentMap, MaterialCase, Truth, read, with_values
-from mrm_nodes.regression.outcome import Outcome, as_record, from_record
-from mrm_nodes.regression.report import write_report
-from mrm_nodes.regression.run import Plan, describe_environment
-from mrm_nodes.regression.suitefile import DEFAULT_LIGHTS, materials_of
+from mrm_nodes.regression.cases import baseline
+from mrm_nodes.regression.cases.digests import versions
+from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase, Truth, read, with_values
+from mrm_nodes.regression.report.junit import in_words
+from mrm_nodes.regression.report.page import write_report
+from mrm_nodes.regression.run.runner import Plan, describe_environment
+from mrm_nodes.regression.run.worker import Worker
+from mrm_nodes.regression.suites.suitefile import DEFAULT_LIGHTS, materials_of
 from mrm_nodes.regression.testfolder import MARK, OUTCOMES
-from mrm_nodes.regression.tolerance import Tolerance
-from mrm_nodes.regression.worker import Worker
+from mrm_nodes.regression.verdict.outcome import Outcome, as_record, from_record
+from mrm_nodes.regression.verdict.tolerance import Tolerance
 from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS
 from mrm_nodes.render.mesh import BUILT_IN
 from mrm_nodes.render.renderer import RenderedImage

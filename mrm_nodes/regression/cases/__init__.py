@@ -1,0 +1,1 @@
+"""What is drawn and judged: images, materials, clouds of configurations; and the images that are kept of them."""

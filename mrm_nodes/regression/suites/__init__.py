@@ -1,0 +1,1 @@
+"""Which cases there are: the default suite, and a user's, from TOML."""

@@ -254,6 +254,78 @@ def test_a_scheduler_that_does_not_answer_is_one_line(address):
         pass
 
 
+TLS = """distributed:
+  comm:
+    tls:
+      ca-file: ca.pem
+      client:
+        cert: certificate.pem
+        key: key.pem
+"""
+
+
+@pytest.fixture
+def tls(tmp_path):
+    """A cluster that lets nobody in without its certificates; its address, and the file that names them."""
+    distributed = pytest.importorskip("distributed")
+    security = distributed.Security.temporary()
+    folder = tmp_path / "tls"
+    folder.mkdir()
+    for name, key in (("ca", "ca_file"), ("certificate", "client_cert"), ("key", "client_key")):
+        (folder / f"{name}.pem").write_text(
+            security.get_tls_config_for_role("client")[key.removeprefix("client_")]
+        )
+    (folder / "dask.yaml").write_text(TLS)
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, security=security
+    ) as cluster:
+        yield cluster.scheduler_address, folder / "dask.yaml"
+
+
+def test_a_scheduler_with_tls_takes_the_certificates_that_a_file_names_and_nobody_without(
+    tls, expected, tasks, working_backend, tmp_path
+):
+    address, file = tls
+    assert address.startswith("tls://")
+    with (
+        pytest.raises(MrmError, match=r"no scheduler answers there: .*; --dask-security FILE names its"),
+        dask_cluster(address),
+    ):
+        pass
+    one, own = expected
+    with dask_cluster(address, security=file) as cluster:
+        report = run_suite(tasks[-1:], tmp_path / "report", working_backend, cluster=cluster)
+    (case,) = report["cases"]
+    (here,) = (each for each in one["cases"] if each["name"] == case["name"])
+    assert {**case, "seconds": None} == {**here, "seconds": None}
+    render = case["files"]["render_data"]
+    assert (tmp_path / "report" / render).read_bytes() == (own / render).read_bytes()
+
+
+@pytest.mark.parametrize(
+    "content, complaint",
+    [
+        (None, "cannot be read: No such file"),
+        ("a: [", "cannot be read: while parsing"),
+        ("- 1", "names no distributed.comm.tls.ca-file"),
+        (TLS.replace("key: key.pem", "key:"), "names no distributed.comm.tls.client.key"),
+        (TLS, "ca.pem: no such file"),
+    ],
+)
+def test_certificates_that_are_not_there_are_one_line(tmp_path, content, complaint):
+    pytest.importorskip("distributed")
+    file = tmp_path / "dask.yaml"
+    if content is not None:
+        file.write_text(content)
+    with pytest.raises(MrmError, match=complaint), dask_cluster("tls://127.0.0.1:9", security=file):
+        pass
+    with (
+        pytest.raises(MrmError, match="is for a scheduler's tls:// address"),
+        dask_cluster("tcp://127.0.0.1:9", security=file),
+    ):
+        pass
+
+
 def test_an_executor_that_breaks_ends_the_run_with_one_line_and_keeps_what_is_done(working_backend, tmp_path):
     with ProcessPoolExecutor(1) as pool:
 

@@ -54,6 +54,7 @@ NOT_RUN = {
     "figures": "it draws for half a minute, as tests/test_reference_outputs.py has it do",
     "scene road -o road.exr --class RA1": "it is the line above it, of another class",
     "regress --dask tcp:": "there is no such scheduler",
+    "regress --suite suite.toml --dask tls:": "the same",
 }
 """Commands, by what they begin with."""
 
@@ -67,6 +68,7 @@ SMALL = {
 OTHERS = (
     "cd",
     "cp",
+    "dask",
     "export",
     "eval",
     "git",

@@ -123,6 +123,13 @@ def _results(command: Callable[..., int]) -> Callable[..., int]:
     help="Run on a Dask cluster: its scheduler's tcp://host:port, or local for one of --jobs workers here.",
 )
 @click.option(
+    "--dask-security",
+    "security",
+    type=Path,
+    metavar="FILE",
+    help="For a scheduler at tls://: Dask's configuration (YAML) that names the certificates.",
+)
+@click.option(
     "--scenes", is_flag=True, help="Draw the scenes, to be shown above the cases: some seconds more."
 )
 @_results
@@ -143,6 +150,7 @@ def regress(
     no_cache: bool,
     shard: tuple[int, int],
     address: str | None,
+    security: Path | None,
     scenes: bool,
     allow_external: bool,
     json_file: Path | None,
@@ -164,6 +172,8 @@ def regress(
     from mrm_nodes.regression.suites import selection as suites
 
     click.get_current_context().with_resource(terminal.each_warning_once())
+    if security is not None and address is None:
+        raise MrmError("--dask-security is for --dask tls://…")
     keep_memory_limit(memory_limit)
     _prepare(folder, json_file, junit)
     tasks = suites.choose(suites.suite(suite, configurations, allow_external, layering), expression)
@@ -171,7 +181,7 @@ def regress(
     _remove(json_file, junit)
     try:
         with contextlib.ExitStack() as stack:
-            place = stack.enter_context(cluster.dask_cluster(address, jobs)) if address else None
+            place = stack.enter_context(cluster.dask_cluster(address, jobs, security)) if address else None
             shown = stack.enter_context(terminal.progress())
             report = run_suite(
                 tasks,

@@ -55,31 +55,80 @@ class Cluster:
 
 
 @contextlib.contextmanager
-def dask_cluster(address: str, workers: int = 2) -> Iterator[Cluster]:
+def dask_cluster(address: str, workers: int = 2, security: Path | None = None) -> Iterator[Cluster]:
     """A Dask cluster by the address of its scheduler, or `local`, one of this machine for as long as the block lasts.
 
     Args:
         workers: processes of a local cluster.
+        security: a file of Dask's configuration that names the certificates for `tls://`; see `_security`.
 
     Raises:
-        MrmError: Dask is not installed, or no scheduler answers there.
+        MrmError: Dask is not installed, no scheduler answers there, or it and the certificates do not fit.
     """
     try:
         distributed: Any = importlib.import_module("distributed")
     except ImportError:
         raise MrmError("--dask needs Dask: pip install 'mrm-nodes[dask]'") from None
+    if security is not None and not address.startswith("tls://"):
+        raise MrmError(f"--dask {address}: --dask-security is for a scheduler's tls:// address")
     with contextlib.ExitStack() as stack:
+        certificates = None if security is None else _security(distributed, security)
         try:
             place: Any = address
             if address == "local":
                 place = stack.enter_context(
                     distributed.LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None)
                 )
-            client = stack.enter_context(distributed.Client(place, timeout="10s"))
-        except (OSError, ValueError) as error:
-            raise MrmError(f"--dask {address}: no scheduler answers there: {error}") from None
+            client = stack.enter_context(distributed.Client(place, timeout="10s", security=certificates))
+        except (OSError, ValueError, TypeError) as error:
+            hint = (
+                "; --dask-security FILE names its certificates"
+                if _lacks_certificates(address, security)
+                else ""
+            )
+            told = " ".join(str(error).split())
+            raise MrmError(f"--dask {address}: no scheduler answers there: {told}{hint}") from None
         # Dask names what it is given by its contents: what was sent once is not sent again.
         yield Cluster(client.get_executor(), functools.partial(client.scatter, hash=True))
+
+
+def _lacks_certificates(address: str, security: Path | None) -> bool:
+    return security is None and address.startswith("tls://")
+
+
+_CERTIFICATES = {
+    "tls_ca_file": ("ca-file",),
+    "tls_client_cert": ("client", "cert"),
+    "tls_client_key": ("client", "key"),
+}
+"""What Dask calls a client's certificates, and where its configuration has them, below distributed.comm.tls."""
+
+
+def _security(distributed: Any, file: Path) -> Any:
+    """The certificates that a file of Dask's configuration (YAML) names, relative to the file.
+
+    Raises:
+        MrmError: it cannot be read, or lacks one that is needed.
+    """
+    yaml: Any = importlib.import_module("yaml")
+    try:
+        content = yaml.safe_load(file.read_text("utf-8"))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        reason = getattr(error, "strerror", None) or " ".join(str(error).split())
+        raise MrmError(f"--dask-security {file}: cannot be read: {reason}") from None
+    found: dict[str, str] = {}
+    for name, keys in _CERTIFICATES.items():
+        value = content
+        for key in ("distributed", "comm", "tls", *keys):
+            value = value.get(key) if isinstance(value, dict) else None
+        if not isinstance(value, str):
+            path = ".".join(("distributed.comm.tls", *keys))
+            raise MrmError(f"--dask-security {file}: names no {path}")
+        found[name] = str(file.parent / value)
+    for certificate in found.values():
+        if not Path(certificate).is_file():
+            raise MrmError(f"--dask-security {file}: {certificate}: no such file")
+    return distributed.Security(require_encryption=True, **found)
 
 
 @dataclass(frozen=True)

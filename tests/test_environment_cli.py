@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from mrm_nodes import bench
+from mrm_nodes.bench import shader as bench
 from mrm_nodes.cli import cli, main
 from mrm_nodes.library import materials_path
 from mrm_nodes.regression.truth.material import NODES

@@ -26,7 +26,7 @@ from .fresnel import (
     SCHLICK,
     conductor_reflectance,
     dielectric_reflectance,
-    schlick_reflectance,
+    schlick_curve,
 )
 from .thinfilm import film_reflectance
 
@@ -300,6 +300,41 @@ def _add_filtered(
 
 
 @formula
+def _visible_normal(
+    u0: float,
+    u1: float,
+    ux: float,
+    uy: float,
+    uz: float,
+    ax: float,
+    ay: float,
+    of_view: float,
+    of_circle: float,
+) -> tuple[float, float, float, float, float, float]:
+    """A normal h that is seen ([Cap] section 3), from the view in the configuration where alpha is 1.
+
+    of_view: what that view is off by; of_circle: a driver's sine and cosine.
+
+    Returns:
+        h; what turns it in this sample alone, and in all alike; the relative error of GGX's D there.
+    """
+    azimuth, height = 2.0 * math.pi * u0, (1.0 - u1) * (1.0 + uz) - uz
+    radius = math.sqrt(min(max(1.0 - height * height, 0.0), 1.0))
+    of_cap = radius * of_circle + 8.0 * UNIT + 5.0 * UNIT / max(radius, 2.0 * math.sqrt(UNIT))
+    sx, sy, sz = radius * math.cos(azimuth) + ux, radius * math.sin(azimuth) + uy, max(height + uz, 0.0)
+    unstretched = math.sqrt(sx * sx + sy * sy + sz * sz)
+    hx, hy, hz = ax * sx, ay * sy, sz
+    length = math.sqrt(hx * hx + hy * hy + hz * hz)
+    # An angle is the length of a cross product, and that of two stretched vectors at most the larger alpha times
+    # that of the vectors.
+    turning = max(ax, ay) * unstretched / (length * length)
+    # D is 1/q² of the squared length q of the half vector once it is stretched back.
+    of_normals = 4.0 * (of_cap + of_view) * (1.0 / unstretched + 1.0 / length)
+    own, shared = turning * of_cap + 3.0 * UNIT, turning * of_view
+    return hx / length, hy / length, hz / length, own, shared, of_normals
+
+
+@formula
 def _reflectance(
     kind: int,
     cosine: float,
@@ -310,8 +345,9 @@ def _reflectance(
     exponent: float,
     film: float,
     film_index: float,
+    is_clamped: bool,
 ) -> tuple[float, float, float]:
-    """RGB reflectance of one configuration."""
+    """RGB reflectance of one configuration; Schlick's curve is clamped to [0, 1] where that is asked for."""
     if film > 0.0:
         return film_reflectance(
             cosine, kind, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2], c[i, 0], c[i, 1], c[i, 2],
@@ -326,11 +362,38 @@ def _reflectance(
             conductor_reflectance(cosine, a[i, 1], b[i, 1]),
             conductor_reflectance(cosine, a[i, 2], b[i, 2]),
         )
-    return (
-        schlick_reflectance(cosine, a[i, 0], b[i, 0], c[i, 0], exponent),
-        schlick_reflectance(cosine, a[i, 1], b[i, 1], c[i, 1], exponent),
-        schlick_reflectance(cosine, a[i, 2], b[i, 2], c[i, 2], exponent),
-    )
+    red = schlick_curve(cosine, a[i, 0], b[i, 0], c[i, 0], exponent)
+    green = schlick_curve(cosine, a[i, 1], b[i, 1], c[i, 1], exponent)
+    blue = schlick_curve(cosine, a[i, 2], b[i, 2], c[i, 2], exponent)
+    if is_clamped:
+        return min(max(red, 0.0), 1.0), min(max(green, 0.0), 1.0), min(max(blue, 0.0), 1.0)
+    return red, green, blue
+
+
+@formula
+def _fresnel(
+    kind: int,
+    cosine: float,
+    turned: float,
+    a: Array,
+    b: Array,
+    c: Array,
+    i: int,
+    exponent: float,
+    film: float,
+    film_index: float,
+    is_clamped: bool,
+) -> tuple[float, float, float, float, float, float]:
+    """`_reflectance`, and by how much turning the half vector changes it: not of a film, which has its own bound."""
+    f0, f1, f2 = _reflectance(kind, cosine, a, b, c, i, exponent, film, film_index, is_clamped)
+    of_cosine = math.sqrt(max(1.0 - cosine * cosine, 0.0)) * (turned + VIEW) + 4.0 * UNIT
+    d0, d1, d2 = 0.0, 0.0, 0.0
+    if film <= 0.0:
+        for sign in (-1.0, 1.0):
+            near = min(max(cosine + sign * of_cosine, 0.0), 1.0)
+            e0, e1, e2 = _reflectance(kind, near, a, b, c, i, exponent, film, film_index, is_clamped)
+            d0, d1, d2 = max(d0, abs(e0 - f0)), max(d1, abs(e1 - f1)), max(d2, abs(e2 - f2))
+    return f0, f1, f2, d0, d1, d2
 
 
 @formula
@@ -379,31 +442,15 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
         along_v = 1.0 - 1.0 / (drawn_v * drawn_v)
         total[:], shared[:], own[:], squares[:], bare[:] = 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(count):
-            azimuth, height = 2.0 * math.pi * samples[k, 0], (1.0 - samples[k, 1]) * (1.0 + uz) - uz
-            radius = math.sqrt(min(max(1.0 - height * height, 0.0), 1.0))
-            cx, cy, cz = radius * math.cos(azimuth), radius * math.sin(azimuth), height
-            of_cap = radius * limits[0, 1] + 8.0 * UNIT + 5.0 * UNIT / max(radius, 2.0 * math.sqrt(UNIT))
-            sx, sy, sz = cx + ux, cy + uy, max(cz + uz, 0.0)
-            unstretched = math.sqrt(sx * sx + sy * sy + sz * sz)
-            hx, hy, hz = ax * sx, ay * sy, sz
-            length = math.sqrt(hx * hx + hy * hy + hz * hz)
-            hx, hy, hz = hx / length, hy / length, hz / length
-            # An angle is the length of a cross product, and that of two stretched vectors at most the larger
-            # alpha times that of the vectors.
-            turning = widest * unstretched / (length * length)
-            own_half, shared_half = turning * of_cap + 3.0 * UNIT, turning * of_view
-
+            hx, hy, hz, own_half, shared_half, of_normals = _visible_normal(
+                samples[k, 0], samples[k, 1], ux, uy, uz, ax, ay, of_view, limits[0, 1]
+            )
             cosine = min(max(vx * hx + vy * hy + vz * hz, SMALLEST), 1.0)
             lx, ly, lz = 2.0 * cosine * hx - vx, 2.0 * cosine * hy - vy, 2.0 * cosine * hz - vz
             own_light, shared_light = 2.0 * own_half + 6.0 * UNIT, 2.0 * shared_half + VIEW + AXES
             normals = surface.ggx_normals(hx, hy, hz, 1.0, ax, ay)
             density = normals * g1 / (4.0 * vz)
-            # D is 1/q² of the squared length q of the half vector once it is stretched back.
-            of_density = (
-                4.0 * (of_cap + of_view) * (1.0 / unstretched + 1.0 / length)
-                + along_v * VIEW / vz
-                + 16.0 * UNIT
-            )
+            of_density = of_normals + along_v * VIEW / vz + 16.0 * UNIT
 
             lit = max(lz, SMALLEST)
             if masking == surface.VCAVITY:
@@ -429,16 +476,9 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
                 of_g += 2.0 * of_density + turned + 2.0 * UNIT * (3.0 + 4.0 * power)
             of_g = min(of_g, 1.0) + along_v * VIEW / vz
 
-            f0, f1, f2 = _reflectance(kind, cosine, a, b, c, i, exponent, film, film_index)
-            of_cosine = (
-                math.sqrt(max(1.0 - cosine * cosine, 0.0)) * (own_half + shared_half + VIEW) + 4.0 * UNIT
+            f0, f1, f2, d0, d1, d2 = _fresnel(
+                kind, cosine, own_half + shared_half, a, b, c, i, exponent, film, film_index, True
             )
-            d0, d1, d2 = 0.0, 0.0, 0.0
-            if film <= 0.0:
-                for sign in (-1.0, 1.0):
-                    near = min(max(cosine + sign * of_cosine, 0.0), 1.0)
-                    e0, e1, e2 = _reflectance(kind, near, a, b, c, i, exponent, film, film_index)
-                    d0, d1, d2 = max(d0, abs(e0 - f0)), max(d1, abs(e1 - f1)), max(d2, abs(e2 - f2))
 
             light[:], moved[:], stepped[:] = 0.0, 0.0, 0.0
             for side in range(2):

@@ -19,7 +19,7 @@ from . import microsurface as surface
 from .albedo_fit import split_sum
 from .bsdf import Lobe
 from .compiled import Array, Kernel, formula, run
-from .fresnel import DIELECTRIC, SCHLICK, dielectric_reflectance, schlick_curve
+from .fresnel import DIELECTRIC, SCHLICK, schlick_curve
 from .image_light import (
     AXES,
     DEVIATIONS,
@@ -34,11 +34,12 @@ from .image_light import (
     Map,
     Sum,
     _add_filtered,
+    _fresnel,
     _limits,
     _read,
+    _visible_normal,
     spherical_fibonacci,
 )
-from .thinfilm import film_reflectance
 
 LENGTH = 6 * UNIT
 """Error of the lengths of view and half vector: of a frame's axes and of a normalised vector two roundings each, of the
@@ -114,34 +115,6 @@ def _refracted(
 
 
 @formula
-def _reflectance(
-    kind: int,
-    cosine: float,
-    a: Array,
-    b: Array,
-    c: Array,
-    i: int,
-    exponent: float,
-    film: float,
-    film_index: float,
-) -> tuple[float, float, float]:
-    """RGB reflectance of one configuration. Schlick's curve is not clamped: what it lacks of 1 may exceed 1."""
-    if film > 0.0:
-        return film_reflectance(
-            cosine, kind, a[i, 0], a[i, 1], a[i, 2], b[i, 0], b[i, 1], b[i, 2], c[i, 0], c[i, 1], c[i, 2],
-            exponent, film, film_index,
-        )  # fmt: skip
-    if kind == DIELECTRIC:
-        f = dielectric_reflectance(cosine, a[i, 0])
-        return f, f, f
-    return (
-        schlick_curve(cosine, a[i, 0], b[i, 0], c[i, 0], exponent),
-        schlick_curve(cosine, a[i, 1], b[i, 1], c[i, 1], exponent),
-        schlick_curve(cosine, a[i, 2], b[i, 2], c[i, 2], exponent),
-    )
-
-
-@formula
 def _masking(cosine: float, alpha: float) -> float:
     """Masking of GGX with one alpha in every direction, by its cosine."""
     return 2.0 / (1.0 + math.sqrt(cosine * cosine + alpha * alpha * (1.0 - cosine * cosine)) / cosine)
@@ -180,18 +153,9 @@ def _sum_refracted(start: int, stop: int, inputs: Any, dense: Any, modes: Any, o
             ux, uy, uz = ax * vx / stretched, ay * vy / stretched, vz / stretched
             of_view = widest * VIEW / (stretched * stretched) + 2.0 * UNIT
             for s in range(count):
-                azimuth, height = 2.0 * math.pi * samples[s, 0], (1.0 - samples[s, 1]) * (1.0 + uz) - uz
-                radius = math.sqrt(min(max(1.0 - height * height, 0.0), 1.0))
-                cx, cy, cz = radius * math.cos(azimuth), radius * math.sin(azimuth), height
-                of_cap = radius * limits[0, 1] + 8.0 * UNIT + 5.0 * UNIT / max(radius, 2.0 * math.sqrt(UNIT))
-                sx, sy, sz = cx + ux, cy + uy, max(cz + uz, 0.0)
-                unstretched = math.sqrt(sx * sx + sy * sy + sz * sz)
-                hx, hy, hz = ax * sx, ay * sy, sz
-                length = math.sqrt(hx * hx + hy * hy + hz * hz)
-                hx, hy, hz = hx / length, hy / length, hz / length
-                turning = widest * unstretched / (length * length)
-                own_half, shared_half = turning * of_cap + 3.0 * UNIT, turning * of_view
-
+                hx, hy, hz, own_half, shared_half, of_normals = _visible_normal(
+                    samples[s, 0], samples[s, 1], ux, uy, uz, ax, ay, of_view, limits[0, 1]
+                )
                 lx, ly, lz, rounding, by_half, by_index = _refracted(vx, vy, vz, hx, hy, hz, index)
                 own_light = by_half * own_half + rounding
                 shared_light = (
@@ -200,12 +164,7 @@ def _sum_refracted(start: int, stop: int, inputs: Any, dense: Any, modes: Any, o
                 error = own_light + shared_light
                 # The host takes the density of a reflection for that of what is refracted.
                 density = count * surface.ggx_normals(hx, hy, hz, 1.0, ax, ay) * g1 / (4.0 * vz)
-                of_density = (
-                    4.0 * (of_cap + of_view) * (1.0 / unstretched + 1.0 / length)
-                    + of_g1
-                    + VIEW / vz
-                    + 16.0 * UNIT
-                )
+                of_density = of_normals + of_g1 + VIEW / vz + 16.0 * UNIT
                 x = axes[i, 0] * lx + axes[i, 3] * ly + axes[i, 6] * lz
                 y = axes[i, 1] * lx + axes[i, 4] * ly + axes[i, 7] * lz
                 z = axes[i, 2] * lx + axes[i, 5] * ly + axes[i, 8] * lz
@@ -232,16 +191,10 @@ def _sum_refracted(start: int, stop: int, inputs: Any, dense: Any, modes: Any, o
                     own_light, shared_light = (1.0, 0.0) if lost else (own_light, shared_light)
 
                 cosine = min(max(vx * hx + vy * hy + vz * hz, SMALLEST), 1.0)
-                f0, f1, f2 = _reflectance(kind, cosine, a, b, c, i, exponent, film, film_index)
-                of_cosine = (
-                    math.sqrt(max(1.0 - cosine * cosine, 0.0)) * (own_half + shared_half + VIEW) + 4.0 * UNIT
+                # Not clamped: what it lacks of 1 may exceed 1.
+                f0, f1, f2, d0, d1, d2 = _fresnel(
+                    kind, cosine, own_half + shared_half, a, b, c, i, exponent, film, film_index, False
                 )
-                d0, d1, d2 = 0.0, 0.0, 0.0
-                if film <= 0.0:
-                    for sign in (-1.0, 1.0):
-                        near = min(max(cosine + sign * of_cosine, 0.0), 1.0)
-                        e0, e1, e2 = _reflectance(kind, near, a, b, c, i, exponent, film, film_index)
-                        d0, d1, d2 = max(d0, abs(e0 - f0)), max(d1, abs(e1 - f1)), max(d2, abs(e2 - f2))
                 of_own = own_light / (own_light + shared_light)
                 for j in range(3):
                     f = f0 if j == 0 else (f1 if j == 1 else f2)

@@ -114,13 +114,25 @@ def lobe_sum(
     least = compensation(
         "mrm_generalized_schlick_bsdf", {**values, **WHITE, "thinfilm_thickness": 0.0}, view, frame
     )
-    arithmetic = lobe_bounds(1.0, values["distribution"])
+    return _scaled(
+        found,
+        values,
+        values["distribution"],
+        factor * tint * around.environment.intensity,
+        (least - 1.0) / factor,
+    )
+
+
+def _scaled(
+    found: Sum, values: Mapping[str, Any], distribution: str, scale: Array, of_factor: Array | float = 0.0
+) -> Sum:
+    """A sum times a scale, its bounds with those of the lobe's arithmetic and Fresnel factor; of_factor: by how much
+    the scale changes with that factor, relative to it."""
+    arithmetic = lobe_bounds(1.0, distribution)
     of_fresnel = fresnel_bounds(np.asarray(values["thinfilm_thickness"]) > 0)
-    scale = factor * tint * around.environment.intensity
 
     def allowed(error: Array, relative: Array, fresnel: Array) -> Array:
-        of_factor = fresnel * (least - 1.0) / factor
-        wrong = error + found.value * (relative + of_factor) + found.white * fresnel
+        wrong = error + np.abs(found.value) * (relative + fresnel * of_factor) + found.white * fresnel
         return np.asarray(wrong * scale)
 
     return Sum(
@@ -204,19 +216,7 @@ def transmitted_sum(
         size, wrong = np.abs(share), seen.value * of_share
         found = Sum(seen.value * share, seen.most * size + wrong, seen.usual * size + wrong, seen.value)
     tint = np.maximum(as_float32(values.get("tint", 1.0)), 0.0)
-    arithmetic = lobe_bounds(1.0, "ggx")
-    of_fresnel = fresnel_bounds(np.asarray(values["thinfilm_thickness"]) > 0)
-    scale = tint * around.environment.intensity
-
-    def allowed(error: Array, relative: Array, fresnel: Array) -> Array:
-        return np.asarray((error + np.abs(found.value) * relative + found.white * fresnel) * scale)
-
-    return Sum(
-        found.value * scale,
-        allowed(found.most, arithmetic.max_rel, of_fresnel.max_rel),
-        allowed(found.usual, arithmetic.p999_rel, of_fresnel.p999_rel),
-        found.white * scale,
-    )
+    return _scaled(found, values, "ggx", tint * around.environment.intensity)
 
 
 def diffuse_sum(

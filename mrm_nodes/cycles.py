@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import MaterialX as mx
 
@@ -27,20 +27,36 @@ def check_cycles(document: mx.Document, where: str) -> None:
     Raises:
         MrmError: something does.
     """
-    for element in document.traverseTree():
+    elements = list(document.traverseTree())
+    for element in elements:
         if element.hasAttribute("inherit") and _raises(element):
             raise MrmError(f"{where}: {element.getNamePath()}: inherits from itself")
+    _check_graphs(document, elements, where)
+    # As many nodes as there are follow each other at most.
+    if sum(isinstance(each, mx.Node) for each in elements) > LONGEST_CHAIN:
+        _check_chains(elements, where)
+
+
+def _check_graphs(document: mx.Document, elements: Sequence[mx.Element], where: str) -> None:
+    """Check what the graphs come to once each node in them is replaced by its own graph."""
     graphs = _graphs_of(document)
     known = _sizes(document.getDataLibrary()) if document.hasDataLibrary() else {}
+    is_defining = any(
+        isinstance(each, mx.Implementation) or each.hasAttribute("nodedef") for each in elements
+    )
+    if not (is_defining or graphs.keys() & known.keys()):
+        # All of their nodes are the library's.
+        most = len(graphs) + len(elements) * max(known.values(), default=1)
+        if most <= MOST_NODES:
+            return
     sizes = {name: size for name, size in known.items() if name not in graphs}
     for name in graphs:
         _measure(name, graphs, sizes, (), where)
-    _check_chains(document, where)
 
 
-def _check_chains(document: mx.Document, where: str) -> None:
+def _check_chains(elements: Sequence[mx.Element], where: str) -> None:
     """Check how many nodes follow each other, through the inputs and outputs of graphs too."""
-    sources = _sources(document)
+    sources = _sources(elements)
     lengths: dict[str, int] = {}
     for root in sources:
         # What is on the way: a place, what it still has to ask, and the longest chain behind it so far.
@@ -70,10 +86,10 @@ def _lengthen(place: str, length: int, lengths: dict[str, int], where: str) -> N
         )
 
 
-def _sources(document: mx.Document) -> dict[str, list[str]]:
+def _sources(elements: Sequence[mx.Element]) -> dict[str, list[str]]:
     """By the path of a node, or of a port of a graph (with `>` behind it), the places that it is connected to."""
     sources: dict[str, list[str]] = {}
-    for port in document.traverseTree():
+    for port in elements:
         if not isinstance(port, mx.Input | mx.Output):
             continue
         owner = port.getParent()

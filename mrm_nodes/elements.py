@@ -98,20 +98,22 @@ def check_document(
     """
     roots = _renderables(document) if element is None else [element]
     used = used_by(roots, target)
+    # MaterialX looks each up among all that there are.
+    definitions = {id(each): each.getNodeDef() for each in used if isinstance(each, mx.Node)}
     for each in used:
-        if isinstance(each, mx.Node) and _is_ill_defined(each):
+        if isinstance(each, mx.Node) and _is_ill_defined(each, definitions[id(each)]):
             raise MrmError(f"{where}: node {each.getNamePath()}: {_why_undefined(each, document)}")
     own = document.getChildren()
     defining = {each.getName() for each in own if isinstance(each, mx.NodeGraph) and each.getNodeDefString()}
     defining |= {each.getNodeGraph() for each in own if isinstance(each, mx.Implementation)}
     for each in used:
         if isinstance(each, mx.Input | mx.Output):
-            _check_port(each, where, defining)
+            _check_port(each, where, defining, definitions.get(id(each.getParent())))
 
 
-def _is_ill_defined(node: mx.Node) -> bool:
+def _is_ill_defined(node: mx.Node, definition: mx.NodeDef | None) -> bool:
     """Whether a node has no definition, or names one that lacks an input of ours: that would do nothing."""
-    definition, category = node.getNodeDef(), node.getCategory()
+    category = node.getCategory()
     return definition is None or any(
         twin_with(category, port.getName()) and definition.getActiveInput(port.getName()) is None
         for port in node.getInputs()
@@ -125,30 +127,37 @@ def used_by(elements: Iterable[mx.Element], target: str = "") -> list[mx.Element
 
     target: MaterialX's own name for the target whose implementations are followed; by default every target's.
     """
-    found: dict[str, mx.Element] = {}
+    # By identity, which an element keeps while it is held: a path is put together anew each time that it is asked for.
+    found: dict[int, mx.Element] = {}
     pending = list(elements)[::-1]
+    defines = bool(pending) and any(
+        isinstance(each, mx.NodeDef) for each in pending[0].getDocument().getChildren()
+    )
     while pending:
         each = pending.pop()
-        path = each.getNamePath()
-        if path not in found:
-            found[path] = each
-            pending += reversed([source for source in _sources(each, target) if source is not None])
+        if id(each) not in found:
+            found[id(each)] = each
+            sources = [*_sources(each), *(_own_graphs(each, target) if defines else ())]
+            pending += reversed([source for source in sources if source is not None])
     return list(found.values())
 
 
-def _sources(element: mx.Element, target: str) -> Iterator[mx.Element | None]:
+_CONNECTIONS = ("nodename", "nodegraph", "output")
+
+
+def _sources(element: mx.Element) -> Iterator[mx.Element | None]:
     if isinstance(element, mx.NodeGraph):
         yield from element.getOutputs()
     elif isinstance(element, mx.Node):
         yield from element.getInputs()
-        yield from _own_graphs(element, target)
     elif isinstance(element, mx.Input | mx.Output):
         name = element.getInterfaceName()
         graph = graph_around(element) if name else None
         if graph is not None:
             yield graph.getInput(name)
-        yield element.getConnectedOutput()
-        yield element.getConnectedNode()
+        if name or any(map(element.hasAttribute, _CONNECTIONS)):
+            yield element.getConnectedOutput()
+            yield element.getConnectedNode()
 
 
 def graph_around(element: mx.Element) -> mx.NodeGraph | None:
@@ -159,8 +168,10 @@ def graph_around(element: mx.Element) -> mx.NodeGraph | None:
     return each
 
 
-def _own_graphs(node: mx.Node, target: str) -> Iterator[mx.NodeGraph]:
-    """The graphs of the document that implement a node."""
+def _own_graphs(node: mx.Element, target: str) -> Iterator[mx.NodeGraph]:
+    """The graphs of the document that implement a node; of anything else, none."""
+    if not isinstance(node, mx.Node):
+        return
     document = node.getDocument()
     definition = node.getNodeDef(target) or node.getNodeDef()
     # Not by name: from 1.39.5 on a document finds its data library's elements too.
@@ -203,9 +214,12 @@ def _listed(names: Iterable[str]) -> str:
     return " or ".join(sorted(set(names)))
 
 
-def _check_port(port: mx.Input | mx.Output, where: str, defining: Set[str]) -> None:
+def _check_port(
+    port: mx.Input | mx.Output, where: str, defining: Set[str], definition: mx.NodeDef | None
+) -> None:
+    """definition: of the node that an input is one of."""
     text, kind = port.getValueString(), port.getType()
-    if text and kind in _NUMBERS and not _is_number(port, where):
+    if text and kind in _NUMBERS and not _is_number(port, text, kind, where):
         raise MrmError(f"{_place(port, where)}: {text} is not {_NUMBERS[kind]}")
     source = port.getAttribute("nodename") or port.getAttribute("nodegraph")
     # Generation would go on without it, or end in the compiler. Other complaints it can live with.
@@ -215,18 +229,19 @@ def _check_port(port: mx.Input | mx.Output, where: str, defining: Set[str]) -> N
             f"{_place(port, where)}: connected to {source}{'/' + output if output else ''}, "
             f"which does not exist here or is no {kind}"
         )
-    node = port.getParent()
-    if text and isinstance(port, mx.Input) and isinstance(node, mx.Node):
-        _warn_of_geometry(port, node, where)
-    if text and kind == "string" and isinstance(port, mx.Input) and isinstance(node, mx.Node):
-        declared = node.getNodeDef().getActiveInput(port.getName())
-        choices = declared.getAttribute("enum") if declared is not None else ""
-        known = [choice.strip() for choice in choices.split(",")] if choices else [text]
+    if definition is None:
+        return
+    name = port.getName()
+    declared = definition.getActiveInput(name) if text else None
+    if declared is not None:
+        _warn_of_geometry(port, declared, where)
+    if kind == "string" and declared is not None and (choices := declared.getAttribute("enum")):
+        known = [choice.strip() for choice in choices.split(",")]
         if text not in known:
             raise MrmError(f"{_place(port, where)}: {unknown('value', text, known)}")
-    if text and node.getType() == "BSDF" and port.getName() in _SHARES:
+    if text and name in _SHARES and definition.getType() == "BSDF":
         _warn_of_share(port, where)
-    if node.getCategory().startswith("mrm_") and port.getName() in _RANGES:
+    if name in _RANGES and definition.getNodeString().startswith("mrm_"):
         _warn_of_clamping(port, where)
 
 
@@ -258,11 +273,10 @@ def _is_plainly_connected(port: mx.Input | mx.Output, defining: Set[str]) -> boo
     return source is not None and source.getType() == port.getType()
 
 
-def _is_number(port: mx.Input | mx.Output, where: str) -> bool:
+def _is_number(port: mx.Input | mx.Output, text: str, kind: str, where: str) -> bool:
     """Whether a value is what its type says; MaterialX itself takes `0,5` for 0 and `1x` for 1."""
     if port.getValue() is None:
         return False
-    kind, text = port.getType(), port.getValueString()
     if kind == "boolean":
         return True
     if kind in ("float", "integer"):
@@ -279,13 +293,10 @@ def _is_number(port: mx.Input | mx.Output, where: str) -> bool:
     return True
 
 
-def _warn_of_geometry(port: mx.Input, node: mx.Node, where: str) -> None:
+def _warn_of_geometry(port: mx.Input, declared: mx.Input, where: str) -> None:
     """MaterialX's generators pass over a value where an input takes the geometry's."""
-    if any(port.hasAttribute(each) for each in ("nodename", "nodegraph", "interfacename")):
-        return
-    declared = node.getNodeDef().getActiveInput(port.getName())
-    taken = declared.getAttribute("defaultgeomprop") if declared is not None else ""
-    if taken:
+    taken = declared.getAttribute("defaultgeomprop")
+    if taken and not any(port.hasAttribute(each) for each in ("nodename", "nodegraph", "interfacename")):
         told = f"{_place(port, where)}: its value is ignored, MaterialX takes {taken}: connect a node"
         warnings.warn(told, MrmWarning, stacklevel=5)
 

@@ -151,15 +151,18 @@ class Cache:
                     header |= {"digests": digests}
                     header |= {"signature": self._signature(line_with_sum(header), line)}
                 (unfinished / _OUTCOME).write_bytes(line_with_sum(header) + line)
-                # An earlier entry was not good enough to be used.
-                _remove(place)
+                if place.exists():
+                    # An earlier entry was not good enough to be used.
+                    _remove(place)
                 try:
                     unfinished.rename(place)
                 except OSError as error:
                     if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):  # another run was quicker
                         raise
-            finally:
+                    shutil.rmtree(unfinished, ignore_errors=True)
+            except BaseException:
                 shutil.rmtree(unfinished, ignore_errors=True)
+                raise
             self._added = True
         except OSError as error:
             self._works = False
@@ -186,9 +189,10 @@ class Cache:
     def _entries(self) -> Iterator[tuple[int, int, Path]]:
         """When each was used last, its bytes, and its folder; those that go meanwhile are left out."""
         for place in self._folder.glob("??/[!.]*"):
-            with contextlib.suppress(OSError):
-                size = sum(file.lstat().st_size for file in place.iterdir())
-                yield (place / _OUTCOME).stat().st_mtime_ns, size, place
+            with contextlib.suppress(OSError), os.scandir(place) as files:
+                found = {file.name: file.stat(follow_symlinks=False) for file in files}
+                if _OUTCOME in found:
+                    yield found[_OUTCOME].st_mtime_ns, sum(each.st_size for each in found.values()), place
 
     def _place(self, key: str) -> Path:
         return self._folder / key[:2] / key
@@ -205,7 +209,7 @@ class Cache:
     def _keep(self, source: str, target: str) -> str:
         """Put a report's file into an entry, and return its digest, where there is a secret."""
         is_linked = self._link and _linked(source, target)
-        contents = b"" if is_linked and not self._secret else Path(source).read_bytes()
+        contents = b"" if is_linked and not self._secret else read_bytes(source)
         if not is_linked:
             _write(target, contents)
         return hashlib.sha256(contents).hexdigest() if self._secret else ""

@@ -226,6 +226,7 @@ def run_on(
                     submit(task, answer.digests)
                     continue
                 folder = scratch / "arrived"
+                made: set[str] = set()
                 told = [each for each in answer.record["files"].values() if isinstance(each, str)]
                 for name in (*answer.files, *told):
                     if not is_inside(name):
@@ -233,9 +234,11 @@ def run_on(
                             f"a worker sent a file {name!r}, which leads outside of the report's folder"
                         )
                 for name, data in answer.files.items():
-                    target = folder / name
-                    target.parent.mkdir(parents=True, exist_ok=True)
-                    target.write_bytes(data)
+                    parent, _, _ = name.rpartition("/")
+                    if parent not in made:
+                        (folder / parent).mkdir(parents=True, exist_ok=True)
+                        made.add(parent)
+                    Path(f"{folder}/{name}").write_bytes(data)
                 outcome = from_record({**answer.record, "setup": task.describe()})
                 yield Judged(task, outcome, folder, answer.warnings)
     finally:

@@ -523,9 +523,10 @@ def _publish(source: Path, folder: Path) -> journal.Sums:
     sums: journal.Sums = {}
     for place, _, names in os.walk(source, topdown=False):
         if names:
-            below = Path(place).relative_to(source)
-            sums |= {(below / name).as_posix(): journal.checksum(f"{place}/{name}") for name in sorted(names)}
-            _move(Path(place), place_in(folder, below.as_posix()))
+            below = Path(place).relative_to(source).as_posix()
+            beside = "" if below == "." else f"{below}/"
+            sums |= {f"{beside}{name}": journal.checksum(f"{place}/{name}") for name in sorted(names)}
+            _move(Path(place), place_in(folder, below))
     return sums
 
 

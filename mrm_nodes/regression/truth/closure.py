@@ -253,15 +253,14 @@ class _Reader:
     """The nodes between the surface and the one that is read."""
     read: int = 0
     """How many were read."""
-    declared: dict[str, mx.NodeDef] = field(default_factory=dict)
-    """Definitions by the paths of their nodes: MaterialX looks each up among all that there are."""
+    declared: dict[int, tuple[mx.Node, mx.NodeDef]] = field(default_factory=dict)
+    """Nodes, by their identity, and their definitions: MaterialX looks each up among all that there are."""
 
     def definition(self, node: mx.Node) -> mx.NodeDef:
         """The definition of a node, or None."""
-        path = node.getNamePath()
-        if path not in self.declared:
-            self.declared[path] = node.getNodeDef()
-        return self.declared[path]
+        if id(node) not in self.declared:
+            self.declared[id(node)] = node, node.getNodeDef()
+        return self.declared[id(node)][1]
 
     def surface(self, element: mx.Element | None) -> mx.Node:
         """The `surface` node of a material, a shader or an output."""

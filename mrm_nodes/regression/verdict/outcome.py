@@ -180,15 +180,18 @@ def from_record(record: Mapping[str, Any]) -> Outcome:
 
 def plain(value: Any) -> Any:
     """Words, numbers, lists and dicts of them: JSON without NaN and infinity, which become null."""
-    if isinstance(value, Mapping):
+    # Nearly all are these, and to ask whether something is a mapping takes long.
+    if value is None or type(value) in (str, int, bool):
+        return value
+    if isinstance(value, float):
+        return value if abs(value) < float("inf") else None
+    if isinstance(value, dict | Mapping):
         return {str(name): plain(each) for name, each in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return plain(value.tolist())
     if isinstance(value, list | tuple):
         return [plain(each) for each in value]
-    if isinstance(value, float):
-        return value if abs(value) < float("inf") else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
+    return value if isinstance(value, bool | int | str) else str(value)
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from mrm_nodes.errors import MrmWarning
 from mrm_nodes.regression.cases.digests import MISSING, Inputs, conditions, digest, digest_of, key
 from mrm_nodes.regression.run import cache as cache_module
 from mrm_nodes.regression.run.cache import Cache
-from mrm_nodes.regression.run.journal import checksum, line_of, line_with_sum, parsed
+from mrm_nodes.regression.run.journal import checksum, entry_for, line_with_sum, parsed
 from mrm_nodes.regression.verdict.compare import Figures
 from mrm_nodes.regression.verdict.outcome import Outcome, as_record
 
@@ -35,7 +35,7 @@ def report(tmp_path):
 def cache(tmp_path, report):
     """A cache that knows the case."""
     cache = Cache(tmp_path / "cache")
-    cache.put(KEY, outcome(), report, {"cases/render.exr": SUM})
+    cache.put(KEY, entry_for(outcome(), {"cases/render.exr": SUM}), report)
     return cache
 
 
@@ -54,7 +54,7 @@ def test_it_gives_back_the_outcome_and_the_files(cache, tmp_path):
     found, line = cache.get(KEY, tmp_path / "other")
     assert as_record(found.outcome) == as_record(outcome())
     assert found.sums == {"cases/render.exr": SUM}
-    assert line == line_of(found)
+    assert line == found.line
     assert (tmp_path / "other" / "cases" / "render.exr").read_bytes() == CONTENTS
     assert cache.get(digest(b"another"), tmp_path) is None
 
@@ -70,7 +70,7 @@ def test_damage_anywhere_in_an_entry_is_found(cache, tmp_path, report):
             assert cache.get(KEY, tmp_path / "other") is None
         assert not damaged.exists()
         (report / "cases" / "render.exr").write_bytes(CONTENTS)
-        cache.put(KEY, outcome(), report, {"cases/render.exr": SUM})
+        cache.put(KEY, entry_for(outcome(), {"cases/render.exr": SUM}), report)
         assert cache.get(KEY, tmp_path / "other") is not None
 
 
@@ -211,7 +211,7 @@ def test_a_case_costs_one_look_at_its_folder(cache, report, tmp_path, monkeypatc
     (report / "cases/egl/c").mkdir(parents=True)
     for name in sums:
         (report / name).write_bytes(CONTENTS)
-    cache.put(key, outcome(), report, sums)
+    cache.put(key, entry_for(outcome(), sums), report)
     (tmp_path / "other" / "cases" / "egl").mkdir(parents=True)
     calls = []
     for name in ("open", "mkdir", "unlink", "stat", "lstat"):
@@ -252,14 +252,14 @@ def test_losing_a_race_is_no_fault(tmp_path, report, monkeypatch):
     def be_quicker(place):
         remove(place)
         monkeypatch.setattr(cache_module, "_remove", remove)
-        Cache(tmp_path / "cache").put(KEY, outcome(), report, names)
+        Cache(tmp_path / "cache").put(KEY, entry_for(outcome(), names), report)
 
     monkeypatch.setattr(cache_module, "_remove", be_quicker)
     cache = Cache(tmp_path / "cache")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        cache.put(KEY, outcome(), report, names)
-        cache.put(digest(b"another"), outcome(), report, names)
+        cache.put(KEY, entry_for(outcome(), names), report)
+        cache.put(digest(b"another"), entry_for(outcome(), names), report)
         assert cache.get(KEY, tmp_path / "other") and cache.get(digest(b"another"), tmp_path / "other")
     assert not list((tmp_path / "cache").glob("*/.*"))
 
@@ -269,7 +269,7 @@ def test_modes_are_those_that_the_umask_asks_for(tmp_path, report, umask, folder
     before = os.umask(umask)
     try:
         cache = Cache(tmp_path / "cache")
-        cache.put(KEY, outcome(), report, {"cases/render.exr": SUM})
+        cache.put(KEY, entry_for(outcome(), {"cases/render.exr": SUM}), report)
         cache.get(KEY, tmp_path / "other")
     finally:
         os.umask(before)
@@ -287,7 +287,7 @@ def test_modes_are_those_that_the_umask_asks_for(tmp_path, report, umask, folder
 @pytest.mark.parametrize("link", [False, True])
 def test_report_and_cache_share_files_only_where_that_is_asked_for(tmp_path, report, link):
     cache = Cache(tmp_path / "cache", link=link)
-    cache.put(KEY, outcome(), report, {"cases/render.exr": SUM})
+    cache.put(KEY, entry_for(outcome(), {"cases/render.exr": SUM}), report)
     cache.get(KEY, tmp_path / "other")
     kept = entry_line(tmp_path).with_name("0")
     for folder in (report, tmp_path / "other"):
@@ -297,7 +297,7 @@ def test_report_and_cache_share_files_only_where_that_is_asked_for(tmp_path, rep
 def test_with_a_secret_only_what_was_signed_with_it_is_used(tmp_path, report, monkeypatch):
     names = {"cases/render.exr": SUM}
     monkeypatch.setenv("MRM_CACHE_SECRET", "ours")
-    Cache(tmp_path / "cache").put(KEY, outcome(), report, names)
+    Cache(tmp_path / "cache").put(KEY, entry_for(outcome(), names), report)
     assert Cache(tmp_path / "cache").get(KEY, tmp_path / "other") is not None
     assert Cache(tmp_path / "cache", secret="another").get(KEY, tmp_path / "other") is None
     assert Cache(tmp_path / "cache", secret="").get(KEY, tmp_path / "other") is not None
@@ -311,13 +311,13 @@ def test_with_a_secret_only_what_was_signed_with_it_is_used(tmp_path, report, mo
     assert Cache(tmp_path / "cache").get(KEY, tmp_path / "other") is None
     assert Cache(tmp_path / "cache", secret="").get(KEY, tmp_path / "other") is not None
     unsigned = Cache(tmp_path / "unsigned", secret="")
-    unsigned.put(KEY, outcome(), report, names)
+    unsigned.put(KEY, entry_for(outcome(), names), report)
     assert Cache(tmp_path / "unsigned").get(KEY, tmp_path / "other") is None
 
 
 def test_errors_are_not_kept(cache, report, tmp_path):
     for verdict in ("error", "skipped"):
-        cache.put(digest(verdict.encode()), outcome(verdict), report, {})
+        cache.put(digest(verdict.encode()), entry_for(outcome(verdict), {}), report)
         assert cache.get(digest(verdict.encode()), tmp_path) is None
 
 
@@ -325,8 +325,8 @@ def test_a_cache_that_cannot_be_written_costs_nothing_but_a_warning(tmp_path, re
     (tmp_path / "file").write_text("kept")
     cache = Cache(tmp_path / "file")
     with pytest.warns(MrmWarning, match="results are not cached"):
-        cache.put(KEY, outcome(), report, {})
-    cache.put(KEY, outcome(), report, {})  # says it once
+        cache.put(KEY, entry_for(outcome(), {}), report)
+    cache.put(KEY, entry_for(outcome(), {}), report)  # says it once
 
 
 def test_the_entries_that_were_used_longest_ago_go_first(tmp_path, report):
@@ -334,7 +334,7 @@ def test_the_entries_that_were_used_longest_ago_go_first(tmp_path, report):
     keys = [digest(bytes([number])) for number in range(4)]
     cache = Cache(tmp_path / "cache", limit=500_000)
     for age, each in enumerate(reversed(keys)):
-        cache.put(each, outcome(), report, names)
+        cache.put(each, entry_for(outcome(), names), report)
         os.utime(tmp_path / "cache" / each[:2] / each / "outcome", (1000 + age, 1000 + age))
     assert cache.get(keys[3], tmp_path / "other") is not None  # and so it is the one used last
     cache.prune()

@@ -23,8 +23,8 @@ from typing import Any
 from mrm_nodes import cachefolder
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.files import place_in, read_bytes
-from mrm_nodes.regression.run.journal import Entry, Sums, entry_for, entry_of, line_of, line_with_sum, parsed
-from mrm_nodes.regression.verdict.outcome import Outcome, Task, plain
+from mrm_nodes.regression.run.journal import Entry, entry_of, line_with_sum, parsed
+from mrm_nodes.regression.verdict.outcome import Task, plain
 
 LIMIT = 4 << 30
 """Bytes that a cache may take; the entries that were used longest ago go first."""
@@ -124,16 +124,16 @@ class Cache:
             os.utime(place / _OUTCOME)
         return entry, line
 
-    def put(self, key: str, outcome: Outcome, folder: Path, sums: Sums) -> None:
+    def put(self, key: str, entry: Entry, folder: Path) -> None:
         """Keep an outcome and its files by their key. Warns (MrmWarning) once where that fails.
 
         Args:
             key: of the task's inputs; see `inputs.key`.
-            outcome: what became of the task.
+            entry: what the journal holds of the outcome.
             folder: the report's, below which the files lie.
-            sums: the files' digests, by their names.
         """
-        if outcome.verdict not in CACHED or not self._works:
+        record = entry.record
+        if record["verdict"] not in CACHED or not self._works:
             return
         place = self._place(key)
         try:
@@ -143,14 +143,13 @@ class Cache:
             try:
                 digests = [
                     self._keep(f"{folder}/{name}", f"{unfinished}/{number}")
-                    for number, name in enumerate(sums)
+                    for number, name in enumerate(entry.sums)
                 ]
-                line = line_of(entry_for(outcome, sums))
-                header: dict[str, Any] = {"key": key, "name": outcome.name, "backend": outcome.backend}
+                header: dict[str, Any] = {"key": key, "name": record["name"], "backend": record["backend"]}
                 if self._secret:
                     header |= {"digests": digests}
-                    header |= {"signature": self._signature(line_with_sum(header), line)}
-                (unfinished / _OUTCOME).write_bytes(line_with_sum(header) + line)
+                    header |= {"signature": self._signature(line_with_sum(header), entry.line)}
+                (unfinished / _OUTCOME).write_bytes(line_with_sum(header) + entry.line)
                 if place.exists():
                     # An earlier entry was not good enough to be used.
                     _remove(place)

@@ -47,6 +47,11 @@ class Entry:
         """The outcome itself."""
         return from_record(self.record)
 
+    @functools.cached_property
+    def line(self) -> bytes:
+        """The entry as a line with its checksum."""
+        return line_with_sum({"outcome": self.record, "files": self.sums})
+
     def is_intact(self, folder: Path) -> bool:
         """Whether the case's files still hold what they held when the outcome was written."""
         try:
@@ -83,7 +88,7 @@ class Journal:
 
     def __init__(self, folder: Path, header: Mapping[str, Any], entries: Sequence[Entry]) -> None:
         self._path = folder / NAME
-        lines = [line_with_sum({**header, "format": FORMAT}), *(line_of(each) for each in entries)]
+        lines = [line_with_sum({**header, "format": FORMAT}), *(each.line for each in entries)]
         # Written anew, so that a torn last line is gone before the next one is added.
         write_text(self._path, b"".join(lines).decode())
         try:
@@ -92,7 +97,7 @@ class Journal:
             raise MrmError(f"{self._path}: cannot be written: {error.strerror}") from None
 
     def add_line(self, line: bytes) -> None:
-        """Add an outcome: what `line_of` gave.
+        """Add an outcome: the line of its entry.
 
         Raises:
             OSError: there is no room.
@@ -142,13 +147,8 @@ def entry_for(outcome: Outcome, sums: Sums) -> Entry:
     return Entry(as_record(outcome), sums)
 
 
-def line_of(entry: Entry) -> bytes:
-    """An entry as a line with its checksum."""
-    return line_with_sum({"outcome": entry.record, "files": entry.sums})
-
-
 def entry_of(line: bytes) -> Entry | None:
-    """What `line_of` wrote, without the end of the line; None if it is damaged, or a name leads out of its folder."""
+    """The entry of a line, without the line's end; None if it is damaged, or a name leads out of its folder."""
     record = parsed(line)
     try:
         entry = Entry(record["outcome"], record["files"]) if record else None

@@ -298,7 +298,8 @@ class _Run:
             try:
                 for name, reason in self._plan.skipped.items():
                     for task in self._tasks:
-                        self._note(outcome_of(task, name, "skipped", message=reason), {})
+                        skipped = outcome_of(task, name, "skipped", message=reason)
+                        self._note(journal.entry_for(skipped, {}))
                 for entry in kept:
                     self._show(entry)
                 if kept:
@@ -358,19 +359,19 @@ class _Run:
             shutil.rmtree(judged.folder, ignore_errors=True)
         for text in judged.warnings:
             warnings.warn(text, MrmWarning, stacklevel=2)
-        self._note(outcome, sums)
+        entry = journal.entry_for(outcome, sums)
+        self._note(entry)
         if self._cache is not None:
-            self._cache.put(self._keys[f"{outcome.backend} {outcome.name}"], outcome, self._folder, sums)
+            self._cache.put(self._keys[_name(entry.record)], entry, self._folder)
 
     def _check_room(self) -> None:
         """See whether a full disk may be at fault, which is no case's error."""
         with tempfile.TemporaryFile(dir=self._folder) as file:
             file.write(bytes(_ROOM))
 
-    def _note(self, outcome: Outcome, sums: journal.Sums) -> None:
+    def _note(self, entry: journal.Entry) -> None:
         assert self._journal is not None
-        entry = journal.entry_for(outcome, sums)
-        self._journal.add_line(journal.line_of(entry))
+        self._journal.add_line(entry.line)
         self._show(entry)
 
     def _show(self, entry: journal.Entry, quietly: bool = False) -> None:

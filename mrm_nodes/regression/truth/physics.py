@@ -610,8 +610,10 @@ class _Judged(_Response):
         if self.lobe is not None:
             through, unsure = self.lobe.throughput(view, light, self.weight), self.weight[..., None]
 
-        def allowed(relative: Array, of_fresnel: Array, half_cosine: float) -> Array:
-            of_fresnel = of_fresnel + self._fresnel_change(view, light, half_cosine)
+        most_change, usual_change = self._fresnel_changes(view, light, (HALF_COSINE_MAX, HALF_COSINE_P999))
+
+        def allowed(relative: Array, of_fresnel: Array, change: Array | float) -> Array:
+            of_fresnel = of_fresnel + change
             own = np.abs(value) * relative + np.abs(white) * of_fresnel
             # Where rounding decides whether an exponential is there at all, its own value says nothing.
             own = np.where(relative > ANYTHING, ANYTHING, own)
@@ -621,8 +623,8 @@ class _Judged(_Response):
 
         return _Part(
             value,
-            allowed(relative.max_rel, self._fresnel.max_rel, HALF_COSINE_MAX),
-            allowed(relative.p999_rel, self._fresnel.p999_rel, HALF_COSINE_P999),
+            allowed(relative.max_rel, self._fresnel.max_rel, most_change),
+            allowed(relative.p999_rel, self._fresnel.p999_rel, usual_change),
             through,
             # The compensation takes a Fresnel factor times what of an albedo of at most 1 is missing.
             unsure * (THROUGH_MAX + self._fresnel.max_rel),
@@ -693,26 +695,31 @@ class _Judged(_Response):
             wide.p999_rel + (NEAR_COSINE_P999 + of_light) / near,
         )
 
-    def _fresnel_change(self, view: Array, light: Array, error: float) -> Array | float:
-        """By how much the Fresnel factor changes with the half angle's cosine, forward or retro, `(n, 3)`: without
-        bound at an angle of total reflection, or where a small exponent meets the mirror angle.
+    def _fresnel_changes(self, view: Array, light: Array, errors: Sequence[float]) -> list[Array | float]:
+        """By how much the Fresnel factor changes with each error of the half angle's cosine, forward or retro,
+        `(n, 3)`: without bound at an angle of total reflection, or where a small exponent meets the mirror angle.
         """
         if self.lobe is None:
-            return 0.0
+            return [0.0] * len(errors)
         across = np.sum(view[..., :2] * light[..., :2], axis=-1)
         along = view[..., 2] * light[..., 2]
-        most: Array = np.zeros(view.shape)
-        shifts = [0.0, -1.0, 1.0]
+        most: list[Array] = [np.zeros(view.shape)] * len(errors)
+        shifts = [-1.0, 1.0]
         if np.any(as_float32(self.values.get("exponent", 5.0)) < 1.0):
             # Under a film such a curve is not monotonous on the way to 1.
             shifts += [-1e-2, -1e-4, -1e-8]
         for sign in (1.0, -1.0):
             cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across + along), 0.0, 1.0))
-            # What is nearer to 1 than float64 can tell is anywhere between.
-            around = [self.lobe.reflectance(np.clip(cosine + shift * error, 0.0, 1.0)) for shift in shifts]
-            of_cosine = np.max(around, axis=0) - np.min(around, axis=0)
-            most = np.maximum(most, of_cosine + self._faint_extinction(cosine, around[0]))
-        return np.where(self._jumps, 1.0, most)
+            exact = self.lobe.reflectance(cosine)
+            faint = self._faint_extinction(cosine, exact)
+            for number, error in enumerate(errors):
+                # What is nearer to 1 than float64 can tell is anywhere between.
+                high = low = exact
+                for shift in shifts:
+                    beside = self.lobe.reflectance(np.clip(cosine + shift * error, 0.0, 1.0))
+                    high, low = np.maximum(high, beside), np.minimum(low, beside)
+                most[number] = np.maximum(most[number], high - low + faint)
+        return [np.where(self._jumps, 1.0, each) for each in most]
 
     def _faint_extinction(self, cosine: Array, exact: Array) -> Array | float:
         """What rounding makes of a metal that hardly absorbs where it reflects all, `(n, 3)`.

@@ -19,7 +19,7 @@ import pytest
 from mrm_nodes.regression.testfolder import OUTCOMES, check_own
 
 if TYPE_CHECKING:
-    from mrm_nodes.regression.testing import Picture, Session
+    from mrm_nodes.regression.testing import RenderedMaterial, Session
 
 _PLACE = pytest.StashKey[tuple[Path, str]]()
 """The folder of the report, and the number of the session: what its processes share."""
@@ -85,13 +85,13 @@ def _mrm_session(pytestconfig: pytest.Config) -> Session:
 
 
 @pytest.fixture
-def mrm_render(request: pytest.FixtureRequest) -> Callable[..., Picture]:
+def mrm_render(request: pytest.FixtureRequest) -> Callable[..., RenderedMaterial]:
     """A material rendered: `mrm_render("tape.mtlx", mesh=…, camera=…, lights=…, environment=…, size=…, inputs=…)`.
 
     File names are relative to the test's own file. The result has `image` (h, w, 3) and `mask` (h, w).
     """
 
-    def render(material: Any, mesh: Any = "sphere", **options: Any) -> Picture:
+    def render(material: Any, mesh: Any = "sphere", **options: Any) -> RenderedMaterial:
         __tracebackhide__ = True
         from mrm_nodes.regression.testing import picture
 
@@ -113,7 +113,7 @@ def mrm_assert_image(request: pytest.FixtureRequest, _mrm_session: Session) -> C
     count = 0
 
     def check(
-        seen: Picture,
+        seen: RenderedMaterial,
         name: str | None = None,
         tolerance: Mapping[str, float] | None = None,
         truth: Any = "baseline",

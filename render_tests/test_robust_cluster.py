@@ -14,7 +14,7 @@ from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases.builtin import default_suite
 from mrm_nodes.regression.cases.cloud import Cloud
 from mrm_nodes.regression.cases.digests import digest
-from mrm_nodes.regression.run.cluster import Cluster, Store, dask_cluster
+from mrm_nodes.regression.run.cluster import Cluster, ShippedFiles, dask_cluster
 from mrm_nodes.regression.run.runner import run_suite
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.regression.suites import selection as suites
@@ -134,7 +134,7 @@ def test_any_executor_does_as_one_process(tasks, expected, working_backend, tmp_
 
 
 def test_contents_that_a_worker_has_are_not_asked_for_again(tmp_path):
-    store = Store()
+    store = ShippedFiles()
     contents = {digest(b"mesh"): b"mesh"}
     digests = {"/studio/a.obj": digest(b"mesh")}
     assert store.missing(digests, {}) == set(contents)
@@ -162,7 +162,7 @@ def test_a_worker_with_another_library_is_an_error_of_its_cases(working_backend,
 def travelled(tmp_path, tasks):
     """The material's case as a worker elsewhere has it: its files laid out anew, and not where they came from."""
     case = tasks[-1]
-    store = Store()
+    store = ShippedFiles()
     contents = {digest(path.read_bytes()): path.read_bytes() for path in case.files()}
     tree = store.lay_out({str(path): digest(path.read_bytes()) for path in case.files()}, contents)
     return case, case.moved(tree / case.root.relative_to("/")), store
@@ -234,7 +234,7 @@ def test_what_both_machines_have_on_the_search_path_is_the_same_or_an_error(
     (own / "m.mtlx").write_text(text.replace("OUTSIDE/brushed.exr", "worn.exr"))
     (case,) = suites.suite(str(own))
     contents = {digest(path.read_bytes()): path.read_bytes() for path in case.files()}
-    store = Store()
+    store = ShippedFiles()
     tree = store.lay_out({str(path): digest(path.read_bytes()) for path in case.files()}, contents)
     there = replace(case, size=(16, 16)).moved(tree / case.root.relative_to("/"))
     if what == "another":

@@ -46,7 +46,7 @@ def test_the_mix_of_two_surfaces_is_ours_at_one_half() -> None:
 def test_the_command_prints_a_line_for_each_configuration(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    row = bench_surfaces.Row(
+    row = bench_surfaces.SurfaceRow(
         "gltf_pbr",
         "default",
         "fis",

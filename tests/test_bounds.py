@@ -13,7 +13,7 @@ from test_material_case import case_of, write
 
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.regression.truth import closure, physics
-from mrm_nodes.regression.truth.closure import Lobe, Nothing, Port, Tree, lobes
+from mrm_nodes.regression.truth.closure import LobeNode, Nothing, Port, Tree, lobes
 from mrm_nodes.regression.truth.reference_image import light_at
 from mrm_nodes.regression.verdict.compare import (
     HALF_VECTOR_MAX,
@@ -124,21 +124,21 @@ def shaded(
     yield Shaded(outcome, *kept[0])
 
 
-def with_lobes(tree: Tree, change: Callable[[Lobe], Tree]) -> Tree:
+def with_lobes(tree: Tree, change: Callable[[LobeNode], Tree]) -> Tree:
     """A tree with other lobes."""
     match tree:
-        case Lobe():
+        case LobeNode():
             return change(tree)
         case Nothing():
             return tree
-        case closure.Mix(fg, bg, amount):
-            return closure.Mix(with_lobes(fg, change), with_lobes(bg, change), amount)
-        case closure.Add(in1, in2):
-            return closure.Add(with_lobes(in1, change), with_lobes(in2, change))
-        case closure.Multiply(in1, in2):
-            return closure.Multiply(with_lobes(in1, change), in2)
-        case closure.Layer(top, base):
-            return closure.Layer(with_lobes(top, change), with_lobes(base, change))
+        case closure.MixNode(fg, bg, amount):
+            return closure.MixNode(with_lobes(fg, change), with_lobes(bg, change), amount)
+        case closure.AddNode(in1, in2):
+            return closure.AddNode(with_lobes(in1, change), with_lobes(in2, change))
+        case closure.MultiplyNode(in1, in2):
+            return closure.MultiplyNode(with_lobes(in1, change), in2)
+        case closure.LayerNode(top, base):
+            return closure.LayerNode(with_lobes(top, change), with_lobes(base, change))
 
 
 def test_what_is_sound_passes_and_says_how_little_it_would_have_noticed(shaded: Shaded):
@@ -178,7 +178,7 @@ def test_a_coat_that_returns_black_is_noticed(shaded: Shaded):
 
 
 def test_the_retro_lobe_forward_is_noticed(shaded: Shaded):
-    def forward(lobe: Lobe) -> Lobe:
+    def forward(lobe: LobeNode) -> LobeNode:
         if "retroreflectivity" not in lobe.inputs:
             return lobe
         return replace(lobe, inputs={**lobe.inputs, "retroreflectivity": 0.0})
@@ -207,7 +207,7 @@ def test_a_roughness_that_is_squared_twice_is_noticed(shaded: Shaded):
     def resolve(port: Any) -> Any:
         return np.square(shaded.resolve(port.port)) if isinstance(port, Squared) else shaded.resolve(port)
 
-    def squared(lobe: Lobe) -> Lobe:
+    def squared(lobe: LobeNode) -> LobeNode:
         return replace(lobe, inputs={**lobe.inputs, "roughness": Squared(lobe.inputs["roughness"])})  # type: ignore[dict-item]
 
     assert shaded.is_noticed(shaded.of(with_lobes(shaded.tree, squared), resolve))

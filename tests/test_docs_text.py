@@ -1,5 +1,6 @@
-"""The pages of prose: what they say about files is true."""
+"""What the pages of prose say about files is true, and the code has one word for one thing."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -42,3 +43,14 @@ def test_the_files_that_contributors_are_sent_to_are_there():
         if not (ROOT / name).is_file() and not any(p.endswith("/" + name) for p in there)
     }
     assert not lost
+
+
+def test_no_two_public_classes_have_one_name():
+    places: dict[str, list[str]] = {}
+    for path in sorted(PACKAGE.rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                places.setdefault(node.name, []).append(str(path.relative_to(PACKAGE)))
+    assert len(places) > 100
+    twice = {name: where for name, where in places.items() if len(where) > 1}
+    assert not twice, "one word for one thing: name one of them after what it is"

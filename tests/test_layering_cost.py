@@ -70,8 +70,8 @@ def test_albedo_at_many_points_where_a_texture_makes_each_another_lobe():
     np.testing.assert_allclose(albedo_of_points(glass, below), glass.albedo(below), atol=EDGE_ERROR)
 
 
-def lobe(node: str, **values) -> closure.Lobe:
-    return closure.Lobe(node, node, {**material.complete(node, values), "normal": None, "tangent": None})
+def lobe(node: str, **values) -> closure.LobeNode:
+    return closure.LobeNode(node, node, {**material.complete(node, values), "normal": None, "tangent": None})
 
 
 GLASS = lobe("mrm_dielectric_bsdf", roughness=(0.4, 0.2), ior=1.6, thinfilm_thickness=350.0, weight=0.8)
@@ -79,21 +79,21 @@ TAPE = lobe(
     "mrm_generalized_schlick_bsdf", color0=(0.19, 0.1, 0.02), color82=(0.0, 0.0, 0.0), roughness=(0.3, 0.3)
 )
 METAL = lobe("mrm_conductor_bsdf", roughness=(0.3, 0.3))
-PAPER = closure.Lobe(
+PAPER = closure.LobeNode(
     "oren_nayar_diffuse_bsdf",
     "paper",
     {"weight": 1.0, "color": (0.8, 0.6, 0.3), "roughness": 0.0, "energy_compensation": False, "normal": None},
 )
 FACTOR = (0.9, 0.5, 0.2)
 TREES = {
-    "layer": closure.Layer(TAPE, PAPER),
-    "layers": closure.Layer(GLASS, closure.Layer(TAPE, PAPER)),
-    "mix over": closure.Layer(closure.Mix(METAL, TAPE, 0.25), PAPER),
-    "add over": closure.Layer(closure.Add(GLASS, TAPE), PAPER),
-    "multiply over": closure.Layer(
-        closure.Multiply(closure.Mix(METAL, closure.Add(GLASS, TAPE), 0.25), FACTOR), PAPER
+    "layer": closure.LayerNode(TAPE, PAPER),
+    "layers": closure.LayerNode(GLASS, closure.LayerNode(TAPE, PAPER)),
+    "mix over": closure.LayerNode(closure.MixNode(METAL, TAPE, 0.25), PAPER),
+    "add over": closure.LayerNode(closure.AddNode(GLASS, TAPE), PAPER),
+    "multiply over": closure.LayerNode(
+        closure.MultiplyNode(closure.MixNode(METAL, closure.AddNode(GLASS, TAPE), 0.25), FACTOR), PAPER
     ),
-    "nothing over": closure.Layer(closure.Nothing(opaque=False), closure.Layer(TAPE, PAPER)),
+    "nothing over": closure.LayerNode(closure.Nothing(opaque=False), closure.LayerNode(TAPE, PAPER)),
 }
 DIRECTIONS = ((0.0, 0.0, -1.0), (-0.6, 0.0, -0.8))
 COLOUR = (2.0, 1.6, 1.2)
@@ -103,9 +103,9 @@ LIGHTS = [{"type": 1, "direction": d, "color": COLOUR, "intensity": 1.0} for d i
 def by_hand(tree: closure.Tree, layering: str) -> ref.Closure:
     """The same tree of the evaluator's own closures and lobes."""
     match tree:
-        case closure.Lobe(node="oren_nayar_diffuse_bsdf", inputs=given):
+        case closure.LobeNode(node="oren_nayar_diffuse_bsdf", inputs=given):
             return ref.Leaf(ref.Lambert(given["color"]))
-        case closure.Lobe(node=node, inputs=given):
+        case closure.LobeNode(node=node, inputs=given):
             common = {"alpha": given["roughness"], "energy_compensation": host().compensation}
             common["thinfilm_thickness"], common["thinfilm_ior"] = (
                 given["thinfilm_thickness"],
@@ -120,13 +120,13 @@ def by_hand(tree: closure.Tree, layering: str) -> ref.Closure:
             return ref.Leaf(made, given["weight"])
         case closure.Nothing():
             return ref.Leaf(ref.Dielectric(1.5, 0.3), 0.0)
-        case closure.Mix(fg, bg, amount):
+        case closure.MixNode(fg, bg, amount):
             return ref.Mix(by_hand(fg, layering), by_hand(bg, layering), amount)
-        case closure.Add(one, other):
+        case closure.AddNode(one, other):
             return ref.Add(by_hand(one, layering), by_hand(other, layering))
-        case closure.Multiply(inner, factor):
+        case closure.MultiplyNode(inner, factor):
             return ref.Multiply(by_hand(inner, layering), factor)
-        case closure.Layer(top, base):
+        case closure.LayerNode(top, base):
             return ref.Layer(by_hand(top, layering), by_hand(base, layering), layering)
 
 
@@ -154,7 +154,7 @@ def test_both_rules_are_the_evaluators(name: str):
 def test_a_mix_beyond_0_to_1_has_both_rules_and_an_integral():
     """MaterialX does not clamp it."""
     points = physics.Points(np.zeros((1, 3)), np.eye(3)[2:], np.eye(3)[:1], (0.0, 0.6, 0.8))
-    mixed = closure.Layer(closure.Mix(TAPE, METAL, 1.5), PAPER)
+    mixed = closure.LayerNode(closure.MixNode(TAPE, METAL, 1.5), PAPER)
     reference, _, exact = physics.shade_both(mixed, points, LIGHTS, lambda port: port)
     assert np.isfinite(reference).all() and np.isfinite(exact).all()
     around = BUILT_IN_ENVIRONMENTS["white"]()
@@ -169,9 +169,9 @@ def test_a_tree_has_layers_where_something_lies_on_something():
     assert all(map(closure.has_layers, TREES.values()))
     for tree in (
         TAPE,
-        closure.Mix(TAPE, GLASS, 0.5),
-        closure.Layer(nothing, TAPE),
-        closure.Layer(TAPE, nothing),
+        closure.MixNode(TAPE, GLASS, 0.5),
+        closure.LayerNode(nothing, TAPE),
+        closure.LayerNode(TAPE, nothing),
     ):
         assert not closure.has_layers(tree)
 

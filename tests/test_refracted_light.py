@@ -15,11 +15,11 @@ from mrm_nodes import reference as ref
 from mrm_nodes.reference.compiled import run
 from mrm_nodes.reference.image_light import EXACT
 from mrm_nodes.reference.refracted_light import REFRACT, host_index, refracted_samples, transmitted_share
-from mrm_nodes.regression.cases.builtin import Case, default_suite
+from mrm_nodes.regression.cases.builtin import ImageCase, default_suite
 from mrm_nodes.regression.cases.material_case import EnvironmentMap
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.regression.truth import material
-from mrm_nodes.regression.truth.closure import Lobe
+from mrm_nodes.regression.truth.closure import LobeNode
 from mrm_nodes.regression.truth.image_sum import Surroundings, _joined
 from mrm_nodes.regression.truth.material import Value
 from mrm_nodes.regression.truth.physics import Points, shade_tree
@@ -153,7 +153,7 @@ VALUES = {
 class Seen:
     """A case that transmits only, drawn by one shader after another beside its reference."""
 
-    def __init__(self, case: Case, backend: str) -> None:
+    def __init__(self, case: ImageCase, backend: str) -> None:
         self.case, self.renderer = case, Renderer(backend)
         values = material.complete(case.node, {**case.inputs, "scatter_mode": "T"})
         self.uniforms = material.uniform_values(case.node, values)
@@ -168,7 +168,7 @@ class Seen:
             for each in (self.sound.position, self.sound.normal, self.sound.tangent)
         )
         points = Points(position, normal, tangent, self.sound.camera.position)
-        tree = Lobe(case.node, "bsdf", {**values, "normal": None, "tangent": None})
+        tree = LobeNode(case.node, "bsdf", {**values, "normal": None, "tangent": None})
         around = Surroundings(self.light, measure(backend), case.method)
         self.reference, self.bounds = shade_tree(tree, points, [], lambda port: port, around)
 

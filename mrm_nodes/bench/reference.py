@@ -25,7 +25,7 @@ IOR, EXTINCTION = (0.2004, 0.9240, 1.1022), (3.9129, 2.4528, 2.1421)
 
 
 @dataclass(frozen=True)
-class Row:
+class ReferenceRow:
     """One measurement, the best of a few runs: `rate` in results a second. An `eval` runs turn about with
     Mitsuba's conductor, and `of_mitsuba` is its rate over that."""
 
@@ -155,7 +155,7 @@ def mitsuba_conductor(mi: Any, v: Array, l: Array) -> Callable[[], object]:  # n
     return work
 
 
-def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[Row]:
+def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[ReferenceRow]:
     """Measure everything, a row as soon as it is known: `count` configurations for `eval` and `pdf`, fewer for
     what is slower, `repeats` runs or half a second.
     """
@@ -170,7 +170,7 @@ def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[Row]:
     if mi is not None:
         (seconds,) = _best(theirs, repeats)
         name = f"Mitsuba {mi.__version__}, llvm float32"
-        yield Row(name, "eval", "conductor", every, count, seconds, 1.0)
+        yield ReferenceRow(name, "eval", "conductor", every, count, seconds, 1.0)
     for name, bsdf in _lobes().items():
         questions: dict[str, tuple[int, Callable[[], object]]] = {
             "eval": (count, partial(bsdf.eval, v, l)),
@@ -184,22 +184,22 @@ def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[Row]:
                 with _cores(cores):
                     seconds, *others = _best([ask, *beside], repeats)
                 ratio = others[0] / seconds if others else None
-                yield Row(ours, question, name, cores, n, seconds, ratio)
+                yield ReferenceRow(ours, question, name, cores, n, seconds, ratio)
     (seconds,) = _best([lambda: numpy_conductor(v, l, 0.3)], repeats)
-    yield Row("NumPy, float64", "eval", "conductor", 1, count, seconds)
+    yield ReferenceRow("NumPy, float64", "eval", "conductor", 1, count, seconds)
     yield _table(every)
 
 
-def _table(cores: int) -> Row:
+def _table(cores: int) -> ReferenceRow:
     """Samples a second of the table that energy compensation reads, made anew."""
     start = time.perf_counter()
     white_albedo_table.__wrapped__(surface.GGX, surface.SMITH, surface.HEIGHT)
     samples = math.prod(POINTS) * RESOLUTION**2
     seconds = time.perf_counter() - start
-    return Row("mrm_nodes, float64", "table", "white, GGX", cores, samples, seconds)
+    return ReferenceRow("mrm_nodes, float64", "table", "white, GGX", cores, samples, seconds)
 
 
-def growth(sizes: tuple[int, ...] = (10**5, 10**6, 10**7, 10**8)) -> Iterator[Row]:
+def growth(sizes: tuple[int, ...] = (10**5, 10**6, 10**7, 10**8)) -> Iterator[ReferenceRow]:
     """`eval` of one conductor for growing grids of views and lights, ten million at a time."""
     rng = np.random.default_rng(0)
     bsdf = _lobes()["conductor"]
@@ -214,4 +214,4 @@ def growth(sizes: tuple[int, ...] = (10**5, 10**6, 10**7, 10**8)) -> Iterator[Ro
         seconds = time.perf_counter() - start
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
         cores = compiled.thread_count()
-        yield Row("mrm_nodes, float64", "eval", "conductor", cores, size, seconds, peak=peak)
+        yield ReferenceRow("mrm_nodes, float64", "eval", "conductor", cores, size, seconds, peak=peak)

@@ -24,7 +24,7 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases.builtin import AROUND, FRONT, Case, default_suite
+from mrm_nodes.regression.cases.builtin import AROUND, FRONT, ImageCase, default_suite
 from mrm_nodes.regression.cases.image_case import source_of
 from mrm_nodes.regression.run.cache import Cache
 from mrm_nodes.regression.run.pool import threads
@@ -40,7 +40,7 @@ ONE_THREAD = {"LP_NUM_THREADS": "0", "NUMBA_NUM_THREADS": "1"}
 
 
 @dataclass(frozen=True)
-class Measurement:
+class TimedRun:
     """One run in a process of its own."""
 
     count: int
@@ -72,12 +72,12 @@ class Measurement:
         return self.jobs * self.seconds / sum(self.stages.values()) - 1
 
 
-def suite() -> list[Case]:
+def suite() -> list[ImageCase]:
     """The default suite's cases in direct light."""
     return [case for case in default_suite() if case.environment is None]
 
 
-def cases(count: int) -> list[Case]:
+def cases(count: int) -> list[ImageCase]:
     """So many different cases: those of `suite` at 128 by 128, with other weights and alphas."""
     known = suite()
     rng = np.random.default_rng(0)
@@ -93,14 +93,14 @@ def cases(count: int) -> list[Case]:
 
 def measure(
     count: int, jobs: int, all_threads: bool = False, backend: str = "auto", cache: Path | None = None
-) -> Measurement:
+) -> TimedRun:
     """Run so many cases in a process of its own, each worker with one thread or with its share of the processors."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as fresh:
         return fresh.submit(_measure, count, jobs, all_threads, backend, cache).result()
 
 
-def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path | None) -> Measurement:
+def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path | None) -> TimedRun:
     os.environ.update(threads(jobs) if all_threads else ONE_THREAD)
     tasks = cases(count)
     with tempfile.TemporaryDirectory() as folder:
@@ -119,7 +119,7 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
         stage: sum(case["seconds"][stage] for case in report["cases"])
         for stage in ("generate", "compile", "render", "reference", "compare")
     }
-    return Measurement(
+    return TimedRun(
         count,
         jobs,
         all_threads,
@@ -184,7 +184,7 @@ def beside_materialx(count: int = 24, rounds: int = 3, backend: str = "auto") ->
     return result
 
 
-def _plain(count: int) -> list[Case]:
+def _plain(count: int) -> list[ImageCase]:
     """Cases whose inputs are all values."""
     return [case for case in cases(4 * count) if not case.patterns and case.base is None][:count]
 
@@ -194,7 +194,7 @@ def _fresh(function: Callable[..., Any], *arguments: Any) -> Any:
         return fresh.submit(function, *arguments).result()
 
 
-def _run_here(chosen: Sequence[Case], backend: str) -> tuple[float, float]:
+def _run_here(chosen: Sequence[ImageCase], backend: str) -> tuple[float, float]:
     """Seconds of all cases, and those of them until the pixels are there."""
     os.environ.update(ONE_THREAD)
     from mrm_nodes.regression.run.worker import Worker
@@ -369,7 +369,7 @@ def beside_idiff(sizes: Sequence[int] = (128, 1024), rounds: int = 9) -> list[Be
     return found
 
 
-def as_json(measurements: Sequence[Measurement]) -> str:
+def as_json(measurements: Sequence[TimedRun]) -> str:
     """Measurements as JSON has them."""
     rows = [{**vars(each), "rate": each.rate, "overhead": each.overhead} for each in measurements]
     return json.dumps(rows, indent=1) + "\n"

@@ -38,7 +38,7 @@ _GRID = 8
 
 
 @dataclass(frozen=True)
-class Row:
+class ShaderRow:
     """One configuration: milliseconds a frame by subject, and instructions of SPIR-V where the tools are here."""
 
     node: str
@@ -69,7 +69,7 @@ def bench_shaders(
     interfaces: Sequence[str] = INTERFACES,
     films: Sequence[bool] = (False, True),
     instructions: bool = False,
-) -> Iterator[Row]:
+) -> Iterator[ShaderRow]:
     """Measure every configuration; the frames of its subjects take turns, and each subject has its median.
 
     On software GL a frame's time is what it takes of the processor, which other programs disturb least; on a GPU
@@ -99,7 +99,7 @@ def bench_shaders(
                         if instructions
                         else {}
                     )
-                    yield Row(node, light, interface, film, times, counts)
+                    yield ShaderRow(node, light, interface, film, times, counts)
 
 
 def _shader(node: str, subject: str, light: str, interface: str, film: bool, target: str) -> Shader:
@@ -294,6 +294,6 @@ def describe_machine(backend: str = "auto") -> dict[str, str]:
     }
 
 
-def as_json(rows: Sequence[Row], machine: dict[str, str]) -> dict[str, Any]:
+def as_json(rows: Sequence[ShaderRow], machine: dict[str, str]) -> dict[str, Any]:
     """Return the figures as JSON has them."""
     return {"machine": machine, "rows": [{**asdict(row), "ratios": row.ratios} for row in rows]}

@@ -59,7 +59,7 @@ LOBES: dict[str, dict[str, dict[str, Value]]] = {
 
 
 @dataclass(frozen=True)
-class Row:
+class SurfaceRow:
     """One configuration: milliseconds a frame by subject."""
 
     surface: str
@@ -88,7 +88,7 @@ def bench_surfaces(
     lobes: Sequence[str] = tuple(LOBES),
     lights: Sequence[str] = tuple(LIGHTS),
     interfaces: Sequence[str] = INTERFACES,
-) -> Iterator[Row]:
+) -> Iterator[SurfaceRow]:
     """Measure every configuration as `bench_shaders` does: the frames of its subjects take turns.
 
     Raises:
@@ -109,7 +109,7 @@ def bench_surfaces(
                     }
                     work = functools.partial(_frame_times, context, shaders, light, size, rounds)
                     times = context.run(work)
-                    yield Row(node, which, light, interface, times)
+                    yield SurfaceRow(node, which, light, interface, times)
 
 
 def _add_retroreflective(library: mx.Document, surface: Surface) -> None:

@@ -14,7 +14,7 @@ from mrm_nodes.errors import MrmError
 
 if TYPE_CHECKING:
     from mrm_nodes.photometry import Design
-    from mrm_nodes.photometry.openmaterial import Asset
+    from mrm_nodes.photometry.openmaterial import XompAsset
 
 ENDINGS = (".mtlx", ".xomp")
 
@@ -140,7 +140,7 @@ def _from_asset(path: Path, name: str, colour: str | None, geometry: str | None,
     click.echo(f"R_A {value:.6g} cd/(lx m²) at observation {angles[0]:g}°, entrance {angles[1]:g}°")
 
 
-def _asked_geometry(path: Path, found: Asset) -> tuple[float, ...]:
+def _asked_geometry(path: Path, found: XompAsset) -> tuple[float, ...]:
     _check_asked(path, "--geometry 0.2,-4")
     said = f" Its sources: {found.sources}." if found.sources else ""
     question = f"{path}: OpenMATERIAL does not say at which angles {found.coefficient:g} holds.{said}"

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError, unknown
 from mrm_nodes.photometry.coefficients import (
-    Scatterer,
     diffuse_luminance,
     luminance_coefficient,
     retroreflection,
 )
 from mrm_nodes.photometry.colour import luminance
 from mrm_nodes.photometry.geometry import ROAD_ENTRANCE, ROAD_OBSERVATION
+from mrm_nodes.reference.polar import Scatterer
 
 Array = NDArray[np.float64]
 Quantity = Literal["R_A", "R_L", "Q_d"]

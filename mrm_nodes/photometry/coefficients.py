@@ -8,23 +8,15 @@ of each quantity.
 
 from __future__ import annotations
 
-from typing import Any, Protocol
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.photometry.colour import luminance
 from mrm_nodes.photometry.geometry import ROAD_ELEVATION, ROAD_ENTRANCE, ROAD_OBSERVATION, around, directions
+from mrm_nodes.reference.polar import Scatterer
 
 Array = NDArray[np.float64]
-
-
-class Scatterer(Protocol):
-    """What has coefficients."""
-
-    def eval(self, v: Any, l: Any) -> Any:  # noqa: E741  the field's own name
-        """f(v, l) in 1/sr, without the cosine."""
 
 
 def retroreflection(

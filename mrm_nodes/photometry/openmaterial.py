@@ -38,7 +38,7 @@ _BEFORE = "; before: "
 
 
 @dataclass(frozen=True)
-class Asset:
+class XompAsset:
     """What a .xomp says of how its material sends light back."""
 
     name: str
@@ -61,7 +61,7 @@ class Asset:
         return None if found is None else found["colour"]
 
 
-def read_asset(path: Path) -> Asset:
+def read_asset(path: Path) -> XompAsset:
     """The retroreflectivity of a .xomp file.
 
     Raises:
@@ -89,7 +89,7 @@ def read_asset(path: Path) -> Asset:
         raise MrmError(f"{path}: coefficientOfRetroreflection is {place!r}, no number from 0 to {LARGEST:g}")
     sources, metadata = data.get("sources"), tree.get("metadata")
     name = metadata.get("name") if isinstance(metadata, dict) else None
-    return Asset(
+    return XompAsset(
         name if isinstance(name, str) and name else path.stem,
         float(place),
         sources if isinstance(sources, str) else "",
@@ -142,7 +142,7 @@ def material_of(
     return made(x)
 
 
-def asset_text(name: str, bsdf: Any, colour: str, title: str, asset: Asset | None = None) -> str:
+def asset_text(name: str, bsdf: Any, colour: str, title: str, asset: XompAsset | None = None) -> str:
     """The text of a .xomp file with the coefficient of a BSDF at 0.2, -4 degrees, which `sources` says.
 
     title: what the values are of, such as the name of a class.

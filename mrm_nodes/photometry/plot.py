@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from mrm_nodes.files import write_bytes
 from mrm_nodes.photometry.classes import Requirement, RetroClass
-from mrm_nodes.photometry.coefficients import Scatterer, retroreflection
+from mrm_nodes.photometry.coefficients import retroreflection
 from mrm_nodes.photometry.colour import luminance
 from mrm_nodes.plotfile import check_plot, figure_bytes
+from mrm_nodes.reference.polar import Scatterer
 
 Array = NDArray[np.float64]
 

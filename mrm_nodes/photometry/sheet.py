@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from mrm_nodes.documents import read_document
 from mrm_nodes.elements import check_document, find_renderable
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.regression.truth.closure import Closure, Driven, Port, closure_of, lobes, ports
+from mrm_nodes.regression.truth.closure import Driven, Port, SurfaceTree, closure_of, lobes, ports
 from mrm_nodes.regression.truth.physics import Points, respond
 from mrm_nodes.render.renderer import shared_renderer
 from mrm_nodes.shadergen import Shader, generate_shader
@@ -77,7 +77,7 @@ class Sheet:
 
     where: str
     """The file that it was read from."""
-    closure: Closure
+    closure: SurfaceTree
     """Its lobes, and what drives their inputs."""
     backend: str = "auto"
     """OpenGL for what graphs drive: `egl`, `osmesa` or `auto`."""

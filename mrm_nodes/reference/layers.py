@@ -20,7 +20,7 @@ LAYERINGS = {"materialx": 0, "exact": 1}
 """How a top's share of the light is found: MaterialX's fit, or the albedo."""
 
 
-class Scatterer(Protocol):
+class BSDF(Protocol):
     """What a leaf needs."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
@@ -70,7 +70,7 @@ class Closure:
 class Leaf(Closure):
     """A lobe as a node of MaterialX's closure tree."""
 
-    lobe: Scatterer
+    lobe: BSDF
     """One of the lobes, or anything that has their `eval` and `throughput`."""
     weight: ArrayLike = 1.0
     """The node's, at least 0: (...)."""

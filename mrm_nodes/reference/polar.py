@@ -15,7 +15,7 @@ VIEWS = (0.0, 30.0, 60.0)
 
 
 class Scatterer(Protocol):
-    """What can be plotted."""
+    """What has a value for each pair of directions: enough to be plotted, or measured as a retroreflector."""
 
     def eval(self, v: Any, l: Any) -> Any:  # noqa: E741
         """f(v, l) in 1/sr, without the cosine."""

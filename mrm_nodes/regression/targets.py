@@ -14,7 +14,7 @@ from mrm_nodes.regression.truth import material
 
 
 @dataclass(frozen=True)
-class Row:
+class TargetRow:
     """One target on one machine. Errors are the worst of every node, distribution and masking."""
 
     target: str
@@ -63,7 +63,7 @@ _RUNNERS = {
 }
 
 
-def table(configurations: int) -> list[Row]:
+def table(configurations: int) -> list[TargetRow]:
     """Compile each node in every target, and run `configurations` of it wherever this machine can."""
     rows = []
     for target in shadergen.supported_targets():
@@ -77,7 +77,7 @@ def table(configurations: int) -> list[Row]:
             rows.append(_run(target, compiled_by, renderer, configurations))
             ran = True
         if not ran:
-            rows.append(Row(target, compiled_by))
+            rows.append(TargetRow(target, compiled_by))
     return rows
 
 
@@ -87,7 +87,7 @@ def _compiled_by(target: str) -> str:
     return worst.compiler if worst.status == "compiled" else worst.status
 
 
-def _run(target: str, compiled_by: str, renderer: Any, configurations: int) -> Row:
+def _run(target: str, compiled_by: str, renderer: Any, configurations: int) -> TargetRow:
     decades: list[dict[str, Any]] = []
     each = max(1, configurations // len(CLOUD_PAIRS))
     for node in material.NODES:
@@ -96,7 +96,7 @@ def _run(target: str, compiled_by: str, renderer: Any, configurations: int) -> R
         for pair in CLOUD_PAIRS:
             decades += run_cloud(Cloud(node, *pair, configurations=each), renderer, shader).decades
     bare, film = ([decade for decade in decades if decade["film"] is has_film] for has_film in (False, True))
-    return Row(
+    return TargetRow(
         target,
         compiled_by,
         f"{renderer.backend}: {renderer.device}",

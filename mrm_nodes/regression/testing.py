@@ -42,7 +42,7 @@ from mrm_nodes.render.scene import Framing, Light, parse_camera, parse_light
 
 
 @dataclass(frozen=True)
-class Picture:
+class RenderedMaterial:
     """A material as it is to be rendered; drawn when it is looked at."""
 
     case: MaterialCase
@@ -97,7 +97,7 @@ def picture(
     element: str | None = None,
     backend: str = "auto",
     allow_external: bool = False,
-) -> Picture:
+) -> RenderedMaterial:
     """A material on a mesh; file names are relative to `folder`, and arguments as those of `mrm_nodes.render`.
 
     Args:
@@ -134,7 +134,7 @@ def picture(
     external.check_files(document, folder / case.material, allow_external)
     files = documents.files_of(folder / case.material, document)
     depends = tuple(os.path.relpath(path, folder) for path in files)
-    return Picture(replace(case, element=element or known[0], depends=depends), backend)
+    return RenderedMaterial(replace(case, element=element or known[0], depends=depends), backend)
 
 
 def _value(value: Any) -> Any:
@@ -163,7 +163,7 @@ class Session:
 
     def judge(
         self,
-        seen: Picture,
+        seen: RenderedMaterial,
         name: str,
         test: str,
         truth: Truth = "baseline",

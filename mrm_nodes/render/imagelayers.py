@@ -24,7 +24,7 @@ LARGEST = 2 << 30
 
 
 @dataclass(frozen=True)
-class Layer:
+class ImageLayer:
     """Channels of one part of a file that belong together.
 
     Args:
@@ -40,11 +40,11 @@ class Layer:
     is_color: bool
 
 
-def layers_of(source: Any) -> list[Layer]:
+def layers_of(source: Any) -> list[ImageLayer]:
     """The layers of an open file, in its order; one of everything for formats that have none."""
     if source.format_name() != "openexr":
-        return [Layer("", 0, tuple(range(source.spec().nchannels)), True)]
-    found: list[Layer] = []
+        return [ImageLayer("", 0, tuple(range(source.spec().nchannels)), True)]
+    found: list[ImageLayer] = []
     for part, spec in enumerate(_parts(source)):
         groups: dict[str, dict[str, int]] = {}
         for number, name in enumerate(spec.channelnames):
@@ -59,7 +59,7 @@ def layers_of(source: Any) -> list[Layer]:
                 colors = ""
             chosen = [channels[each] for each in (*colors, *("a" if colors and "a" in channels else ""))]
             found.append(
-                Layer(
+                ImageLayer(
                     layer or part_name,
                     part,
                     tuple(chosen or channels.values()),
@@ -76,7 +76,7 @@ def _parts(source: Any) -> Iterator[Any]:
         part += 1
 
 
-def choose_layer(layers: Sequence[Layer], file: str, name: str = "") -> Layer:
+def choose_layer(layers: Sequence[ImageLayer], file: str, name: str = "") -> ImageLayer:
     """The layer of a name, or the picture: the colours without a layer's name, or those of the first such layer.
 
     Raises:
@@ -88,7 +88,7 @@ def choose_layer(layers: Sequence[Layer], file: str, name: str = "") -> Layer:
             raise MrmError(f"{file}: {unknown('layer', name, [each.name for each in layers if each.name])}")
         return named[0]
 
-    def rank(layer: Layer) -> tuple[bool, int]:
+    def rank(layer: ImageLayer) -> tuple[bool, int]:
         beauty = layer.name.lower()
         return (not layer.is_color, _BEAUTY.index(beauty) if beauty in _BEAUTY else len(_BEAUTY))
 

@@ -97,7 +97,7 @@ _WRAPS = {33071: "clamp", 33648: "mirror", 10497: "periodic"}
 
 
 @dataclass
-class Asset:
+class GltfAsset:
     """A glTF file: its JSON, and the binary chunk of a .glb."""
 
     path: Path
@@ -107,7 +107,7 @@ class Asset:
     """Images that were named beside it."""
 
 
-def read_gltf(path: str | os.PathLike[str]) -> Asset:
+def read_gltf(path: str | os.PathLike[str]) -> GltfAsset:
     """Read a .gltf or .glb file.
 
     Raises:
@@ -134,7 +134,7 @@ def read_gltf(path: str | os.PathLike[str]) -> Asset:
     for name in ("materials", "textures", "images", "samplers", "bufferViews", "buffers", "meshes"):
         if not isinstance(content.get(name) or [], list):
             raise MrmError(f"{path}: not laid out as glTF 2.0 says: {name} is no list")
-    return Asset(path, content, binary)
+    return GltfAsset(path, content, binary)
 
 
 def _chunks(data: bytes, path: Path) -> tuple[bytes, bytes]:
@@ -153,7 +153,7 @@ def _chunks(data: bytes, path: Path) -> tuple[bytes, bytes]:
     return found[b"JSON"], found[b"BIN\0"]
 
 
-def write_gltf(asset: Asset, target: Path) -> None:
+def write_gltf(asset: GltfAsset, target: Path) -> None:
     """Write a .gltf, or a .glb with the asset's binary chunk.
 
     Raises:
@@ -219,7 +219,7 @@ def gltf_to_materialx(
     return names
 
 
-def _set_weight(asset: Asset, weight: Weight) -> None:
+def _set_weight(asset: GltfAsset, weight: Weight) -> None:
     """Set the weight of every material to a number, or to the red channel of an image."""
     texture: Json = {}
     if isinstance(weight, str):
@@ -240,7 +240,7 @@ class _NothingForIt(MrmError):
 
 
 def _document(
-    asset: Asset, target: Path, images: dict[str, bytes], allow_external: bool = False
+    asset: GltfAsset, target: Path, images: dict[str, bytes], allow_external: bool = False
 ) -> mx.Document:
     """Return the MaterialX document of an asset; `images` takes the files that have to lie beside it."""
     materials = asset.json.get("materials") or []
@@ -280,7 +280,7 @@ def _relative(path: Path, folder: Path) -> str:
 class _Reader:
     """Turns one glTF material into MaterialX nodes."""
 
-    asset: Asset
+    asset: GltfAsset
     target: Path
     document: mx.Document
     images: dict[str, bytes]
@@ -688,7 +688,7 @@ def materialx_to_gltf(source: Path, target: Path, allow_external: bool = False) 
             f"{target}: its images and buffers are named relative to {asset.path.parent}; write it there"
         )
     baseline = _document(asset, source, {}, allow_external)
-    result = Asset(asset.path, copy.deepcopy(asset.json), asset.binary)
+    result = GltfAsset(asset.path, copy.deepcopy(asset.json), asset.binary)
     changed = []
     for node in document.getMaterialNodes():
         if not node.hasAttribute(INDEX):

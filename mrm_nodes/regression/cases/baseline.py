@@ -50,7 +50,7 @@ class Missing(MrmError):
     """A case has no stored image yet."""
 
 
-class Case(Protocol):
+class BaselineCase(Protocol):
     """What a stored image belongs to."""
 
     @property
@@ -68,7 +68,7 @@ class Case(Protocol):
         """The files that its render depends on."""
 
 
-def fingerprint(case: Case) -> str:
+def fingerprint(case: BaselineCase) -> str:
     """The digest of what a render of a case depends on: its description and the contents of its files.
 
     Raises:

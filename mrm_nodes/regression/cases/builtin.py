@@ -77,7 +77,7 @@ class MapLight:
 
 
 @dataclass(frozen=True)
-class Case:
+class ImageCase:
     """One image to render and compare.
 
     Cases whose `structure` is equal differ in uniform values only and share one shader.
@@ -151,7 +151,7 @@ class Case:
         return self
 
 
-def default_suite() -> list[Case]:
+def default_suite() -> list[ImageCase]:
     """The image cases that prove the three nodes, each with a name of its own."""
     return [
         *_grid(),
@@ -183,18 +183,18 @@ def _case(
     inputs: Mapping[str, Value],
     alpha: tuple[float, float] = (0.25, 0.25),
     **others: Any,
-) -> Case:
+) -> ImageCase:
     values = {**MATERIAL[node], "roughness": alpha, **inputs}
-    return Case(name=f"{_short(node)}-{what}", node=node, inputs=values, **others)
+    return ImageCase(name=f"{_short(node)}-{what}", node=node, inputs=values, **others)
 
 
-def _grid() -> Iterator[Case]:
+def _grid() -> Iterator[ImageCase]:
     """Every node at every width and weight: GGX with Smith."""
     for node, alpha, weight in itertools.product(NODES, ALPHAS, WEIGHTS):
         yield _case(node, f"ggx-smith-{_width(alpha)}-retro{weight:g}", {"retroreflectivity": weight}, alpha)
 
 
-def _pairs() -> Iterator[Case]:
+def _pairs() -> Iterator[ImageCase]:
     """The other pairs of distribution and masking, both lobes at once."""
     for node, (distribution, masking), alpha in itertools.product(
         NODES, OTHER_PAIRS, (ALPHAS[1], ALPHAS[2], ALPHAS[4])
@@ -207,7 +207,7 @@ def _pairs() -> Iterator[Case]:
         yield _case(node, f"{distribution}-{masking}-{_width(alpha)}-retro0.5", values, alpha)
 
 
-def _figure_5() -> Iterator[Case]:
+def _figure_5() -> Iterator[ImageCase]:
     """Figure 5 of the paper: one fixed light, the camera 0, 45 and 90 degrees from it, forward and retro."""
     light = DirectionalLight(direction=(0.0, -0.3, -1.0), intensity=3.0)
     _, y, z = (-c for c in light.direction)
@@ -226,14 +226,14 @@ def _figure_5() -> Iterator[Case]:
         )
 
 
-def _exact_retro() -> Iterator[Case]:
+def _exact_retro() -> Iterator[ImageCase]:
     """The light at the camera: the back-vector is the normal at every pixel."""
     for node, alpha in itertools.product(NODES, (ALPHAS[0], ALPHAS[4])):
         values = {"retroreflectivity": 1.0}
         yield _case(node, f"camera-light-{_width(alpha)}-retro1", values, alpha, lights=(CameraLight(),))
 
 
-def _patterns() -> Iterator[Case]:
+def _patterns() -> Iterator[ImageCase]:
     """Inputs that a graph drives from pixel to pixel."""
     for node in NODES:
         stripes = {"retroreflectivity": "stripes"}
@@ -248,14 +248,14 @@ def _patterns() -> Iterator[Case]:
     )
 
 
-def _thin_films() -> Iterator[Case]:
+def _thin_films() -> Iterator[ImageCase]:
     """A thin film on the facets, seen in both lobes."""
     for node, thickness in itertools.product(NODES, (150.0, 550.0)):
         values = {"thinfilm_thickness": thickness, "thinfilm_ior": 1.33, "retroreflectivity": 0.5}
         yield _case(node, f"film{thickness:g}nm", values, (0.3, 0.3))
 
 
-def _inputs() -> Iterator[Case]:
+def _inputs() -> Iterator[ImageCase]:
     """The inputs that are left: weight, scatter modes, extreme Fresnel colours, values that are clamped."""
     conductor, dielectric, schlick = NODES
     half = {"retroreflectivity": 0.5}
@@ -274,7 +274,7 @@ def _inputs() -> Iterator[Case]:
     yield _case(conductor, "roughness-above-1", half, (1.5, 1.2))
 
 
-def _layers() -> Iterator[Case]:
+def _layers() -> Iterator[ImageCase]:
     """Each node over a diffuse base, which sees what is let through: of a metal nothing."""
     conductor, dielectric, schlick = NODES
     below = (0.8, 0.2, 0.1)
@@ -290,7 +290,7 @@ def _layers() -> Iterator[Case]:
         yield _case(dielectric, name, pair, patterns={"roughness": "wear"}, base=below)
 
 
-def _lights() -> Iterator[Case]:
+def _lights() -> Iterator[ImageCase]:
     """Point and spot lights, several lights, a plane from both sides."""
     point = PointLight(position=(0.4, 0.5, 2.0), intensity=4.0)
     spot = SpotLight(
@@ -312,13 +312,13 @@ def _lights() -> Iterator[Case]:
     yield _case(NODES[0], "plane-from-behind", half, mesh="plane", camera=behind, lights=AROUND)
 
 
-def _lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> Case:
+def _lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> ImageCase:
     """A case in image light."""
     options = {"lights": (), "environment": light, "size": (64, 64), **others}
     return _case(node, what, inputs, **options)
 
 
-def _image_lights() -> Iterator[Case]:
+def _image_lights() -> Iterator[ImageCase]:
     """Image light: every map, both methods, every pair of distribution and masking, a film, a base, the mirror, and
     what is seen through each node that transmits."""
     conductor, dielectric, schlick = NODES
@@ -371,7 +371,7 @@ CLEAR: Mapping[str, Value] = {"color0": (0.08, 0.05, 0.03)}
 """A Schlick lobe of which most is let through."""
 
 
-def more_image_lights() -> list[Case]:
+def more_image_lights() -> list[ImageCase]:
     """What is seen through the nodes, for the suite `full`: every weight, pair, width and method, a film, a base."""
     found = []
     _, dielectric, schlick = NODES

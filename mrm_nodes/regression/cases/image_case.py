@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases.builtin import Case
+from mrm_nodes.regression.cases.builtin import ImageCase
 from mrm_nodes.regression.cases.material_case import as_text
 from mrm_nodes.regression.cases.pictures import write_pictures
 from mrm_nodes.regression.cases.workshop import Workshop
 from mrm_nodes.regression.truth import material
-from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, Layer, Lobe, Port, Tree, reflecting
+from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, LayerNode, LobeNode, Port, Tree, reflecting
 from mrm_nodes.regression.truth.reference_image import shading_frame
 from mrm_nodes.regression.verdict.compare import (
     Bounds,
@@ -46,7 +46,7 @@ MIRROR_ERROR = 1e-6
 """Relative error of retro light in a map against forward light in the map turned about the normal."""
 
 
-class Judged(NamedTuple):
+class JudgedImage(NamedTuple):
     """A compared image `(h, w, 3)`, its reference `(n, 3)` where its mask `(h, w)` is, and what came of it."""
 
     image: NDArray[Any]
@@ -59,7 +59,7 @@ class Judged(NamedTuple):
     """`(h, w)`: error as a share of its bound."""
 
 
-def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
+def judge(case: ImageCase, workshop: Workshop, outcome: Outcome, folder: Path) -> None:
     """Render a case, compare it, and write its pictures below `folder`."""
     values = material.complete(case.node, case.inputs)
     mesh = floor() if case.mesh == "floor" else load_mesh(case.mesh)
@@ -102,18 +102,18 @@ def judge(case: Case, workshop: Workshop, outcome: Outcome, folder: Path) -> Non
         }
 
 
-def _within(drawn: RenderedImage, reference: Array, bounds: Bounds) -> Judged:
+def _within(drawn: RenderedImage, reference: Array, bounds: Bounds) -> JudgedImage:
     """Compare with bounds that differ from point to point."""
     mask = drawn.mask
     verdict, figures = compare(drawn.image[mask], reference, bounds)
     error = decided(relative_error(drawn.image[mask], reference), bounds.max_rel)
     used = np.max(error / bounds.max_rel, axis=-1)
-    return Judged(drawn.image, reference, mask, verdict, figures, bounds.loosest(), _spread(used, mask))
+    return JudgedImage(drawn.image, reference, mask, verdict, figures, bounds.loosest(), _spread(used, mask))
 
 
 def _in_environment(
-    case: Case, workshop: Workshop, outcome: Outcome, drawn: RenderedImage, values: Mapping[str, Any]
-) -> Judged:
+    case: ImageCase, workshop: Workshop, outcome: Outcome, drawn: RenderedImage, values: Mapping[str, Any]
+) -> JudgedImage:
     """Compare with the shader's own sum over the map, and say how far that is from the integral."""
     # A run that finds all in the cache has no need of numba.
     from mrm_nodes.regression.truth.environment_reference import beside_integral, some_of
@@ -144,7 +144,7 @@ def _in_environment(
 
 
 def _layering(
-    case: Case, values: Mapping[str, Any], drawn: RenderedImage, reference: Array
+    case: ImageCase, values: Mapping[str, Any], drawn: RenderedImage, reference: Array
 ) -> dict[str, float]:
     """What MaterialX's rule of layering costs a case in direct light; reference: `(n, 3)`, by that rule."""
     from mrm_nodes.regression.truth.physics import beside_exact, shade_both
@@ -154,21 +154,21 @@ def _layering(
     return beside_exact(reference, shade_both(tree, points, lights, lambda port: port)[2])
 
 
-def _shaded(case: Case, values: Mapping[str, Any], drawn: RenderedImage) -> tuple[physics.Points, Tree]:
+def _shaded(case: ImageCase, values: Mapping[str, Any], drawn: RenderedImage) -> tuple[physics.Points, Tree]:
     """The covered points, and what lies there: the node, over its base where it has one."""
     from mrm_nodes.regression.truth.physics import Points
 
     position, normal, tangent = (each.astype(np.float64) for each in _points(drawn))
-    tree: Tree = Lobe(case.node, material.BSDF, {**values, "normal": None, "tangent": None})
+    tree: Tree = LobeNode(case.node, material.BSDF, {**values, "normal": None, "tangent": None})
     if case.base is not None:
         base = material.complete(DIFFUSE_NODE, {"color": case.base})
-        tree = Layer(tree, Lobe(DIFFUSE_NODE, "base", {**base, "normal": None}))
+        tree = LayerNode(tree, LobeNode(DIFFUSE_NODE, "base", {**base, "normal": None}))
     return Points(position, normal, tangent, drawn.camera.position), tree
 
 
 def _beside_mirror(
-    case: Case, outcome: Outcome, draw: Callable[..., RenderedImage], uniforms: Mapping[str, Any]
-) -> Judged:
+    case: ImageCase, outcome: Outcome, draw: Callable[..., RenderedImage], uniforms: Mapping[str, Any]
+) -> JudgedImage:
     """Compare with the other lobe in the map turned about the normal."""
     light = _light(case)
     other = 1.0 - float(uniforms["bsdf_retroreflectivity"])
@@ -180,7 +180,7 @@ def _beside_mirror(
         return _within(drawn, twin.image[drawn.mask].astype(np.float64), Bounds(allowed, allowed))
 
 
-def _light(case: Case) -> Environment:
+def _light(case: ImageCase) -> Environment:
     if case.environment is None:
         raise MrmError(f"{case.name}: there is no environment to turn")
     return case.environment.load()
@@ -208,17 +208,19 @@ def _points(drawn: RenderedImage) -> tuple[NDArray[Any], NDArray[Any], NDArray[A
     return drawn.position[drawn.mask], drawn.normal[drawn.mask], drawn.tangent[drawn.mask]
 
 
-def _shader(case: Case, workshop: Workshop, outcome: Outcome, key: Any, element: str | None = None) -> Shader:
+def _shader(
+    case: ImageCase, workshop: Workshop, outcome: Outcome, key: Any, element: str | None = None
+) -> Shader:
     with timed(outcome, "generate"):
         return workshop.shader(key, lambda: _document(case), element, environment=case.method)
 
 
-def _document(case: Case) -> mx.Document:
+def _document(case: ImageCase) -> mx.Document:
     base = "oren_nayar_diffuse_bsdf" if case.base else None
     return material.document(case.node, patterns=case.patterns, base=base)
 
 
-def source_of(case: Case) -> str:
+def source_of(case: ImageCase) -> str:
     """What is rendered, as a MaterialX document with the case's values: its shader has them as uniforms."""
     document = _document(case)
     node, inputs = document.getNode(material.BSDF), material.inputs_of(case.node)
@@ -234,7 +236,7 @@ def source_of(case: Case) -> str:
     return str(mx.writeToXmlString(document))
 
 
-def _input_points(case: Case, workshop: Workshop, outcome: Outcome, name: str, mesh: Mesh) -> Array:
+def _input_points(case: ImageCase, workshop: Workshop, outcome: Outcome, name: str, mesh: Mesh) -> Array:
     """What a graph gives an input at each covered pixel: its own output, rendered as an image."""
     key = ("pattern", case.structure, name)
     shader = _shader(case, workshop, outcome, key, element=f"{case.patterns[name]}/out")
@@ -245,7 +247,7 @@ def _input_points(case: Case, workshop: Workshop, outcome: Outcome, name: str, m
 
 
 def _render(
-    case: Case, workshop: Workshop, outcome: Outcome, shader: Shader, mesh: Mesh, **others: Any
+    case: ImageCase, workshop: Workshop, outcome: Outcome, shader: Shader, mesh: Mesh, **others: Any
 ) -> RenderedImage:
     drawn = workshop.renderer.render(shader, mesh, case.camera, size=case.size, **others)
     for stage, seconds in drawn.seconds.items():
@@ -254,7 +256,7 @@ def _render(
 
 
 def reference_points(
-    case: Case,
+    case: ImageCase,
     values: Mapping[str, Any],
     camera: Camera,
     position: ArrayLike,

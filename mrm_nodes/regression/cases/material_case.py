@@ -19,7 +19,7 @@ from mrm_nodes.errors import MrmError, suggestion
 from mrm_nodes.regression.cases import baseline
 from mrm_nodes.regression.cases.pictures import write_pictures
 from mrm_nodes.regression.cases.workshop import Workshop
-from mrm_nodes.regression.truth.closure import Closure, Driven, Port, closure_of, has_layers, reflecting
+from mrm_nodes.regression.truth.closure import Driven, Port, SurfaceTree, closure_of, has_layers, reflecting
 from mrm_nodes.regression.truth.material import CHANNELS, Value
 from mrm_nodes.regression.verdict.compare import Bounds, compare, relative_error, why_undecided
 from mrm_nodes.regression.verdict.outcome import Outcome, timed
@@ -325,7 +325,7 @@ class _Bench:
             return _placed(self.case)
 
     @functools.cached_property
-    def closure(self) -> Closure:
+    def closure(self) -> SurfaceTree:
         """The tree of the material's lobes."""
         with timed(self.outcome, "generate"):
             return closure_of(self.document, self.case.element)

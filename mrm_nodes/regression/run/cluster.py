@@ -145,7 +145,7 @@ class Order:
 
 
 @dataclass(frozen=True)
-class Missing:
+class MissingContents:
     """Contents that a worker has not got, by their digests."""
 
     digests: frozenset[str]
@@ -222,7 +222,7 @@ def run_on(
                     reason = f"the worker was lost ({type(error).__name__}: {error}), twice"
                     outcome = outcome_of(task, backend, "error", message=reason, fault="worker")
                     answer = Result(as_record(outcome), {})
-                if isinstance(answer, Missing):
+                if isinstance(answer, MissingContents):
                     submit(task, answer.digests)
                     continue
                 folder = scratch / "arrived"
@@ -246,7 +246,7 @@ def run_on(
             future.cancel()
 
 
-class Store:
+class ShippedFiles:
     """The files that a worker got, each under the digest of its contents."""
 
     def __init__(self) -> None:
@@ -276,21 +276,21 @@ class Store:
 
 
 @functools.cache
-def _store() -> Store:
+def _store() -> ShippedFiles:
     """The one of this process."""
-    return Store()
+    return ShippedFiles()
 
 
 _idle: dict[tuple[int, str], deque[WorkerProcess]] = {}
 """Worker processes that wait, by the process that started them and backend: a fork inherits what is not its own."""
 
 
-def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | Missing:
+def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | MissingContents:
     """Judge a task in a worker process of this worker: what `run_on` has an executor's workers do."""
     store = _store()
     missing = store.missing(order.digests, contents)
     if missing:
-        return Missing(missing)
+        return MissingContents(missing)
     tree = store.lay_out(order.digests, contents)
     with tempfile.TemporaryDirectory(dir=store.root) as scratch:
         root = inputs.root_of(order.task)

@@ -57,7 +57,7 @@ Port = Value | Driven | None
 
 
 @dataclass(frozen=True)
-class Lobe:
+class LobeNode:
     """A scattering function and all of its inputs."""
 
     node: str
@@ -75,7 +75,7 @@ class Nothing:
 
 
 @dataclass(frozen=True)
-class Mix:
+class MixNode:
     """MaterialX's `mix`."""
 
     fg: Tree
@@ -84,7 +84,7 @@ class Mix:
 
 
 @dataclass(frozen=True)
-class Add:
+class AddNode:
     """MaterialX's `add`."""
 
     in1: Tree
@@ -92,7 +92,7 @@ class Add:
 
 
 @dataclass(frozen=True)
-class Multiply:
+class MultiplyNode:
     """MaterialX's `multiply`."""
 
     in1: Tree
@@ -100,7 +100,7 @@ class Multiply:
 
 
 @dataclass(frozen=True)
-class Layer:
+class LayerNode:
     """MaterialX's `layer`."""
 
     top: Tree
@@ -108,7 +108,7 @@ class Layer:
 
 
 @dataclass(frozen=True)
-class Volume:
+class VolumeNode:
     """MaterialX's `layer` over a volume: it absorbs a part of what comes through the surface."""
 
     top: Tree
@@ -116,11 +116,11 @@ class Volume:
     """The exponent, for as much of the volume as MaterialX takes any light through."""
 
 
-Tree = Lobe | Nothing | Mix | Add | Multiply | Layer | Volume
+Tree = LobeNode | Nothing | MixNode | AddNode | MultiplyNode | LayerNode | VolumeNode
 
 
 @dataclass(frozen=True)
-class Closure:
+class SurfaceTree:
     """A surface: what it scatters, and what has to be 1 (opacity) and 0 (emission) for it to be only that."""
 
     document: mx.Document
@@ -133,7 +133,7 @@ class Closure:
     """Colours and weights of which, in each of the surface's emissions, one is a factor."""
 
 
-def closure_of(document: mx.Document, element: str) -> Closure:
+def closure_of(document: mx.Document, element: str) -> SurfaceTree:
     """The closure tree of a material, or of a surface shader, by its path in a document that generation accepts.
 
     Raises:
@@ -147,7 +147,7 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     reader = _Reader(copy)
     surface = reader.surface(top)
     bsdf = surface.getInput("bsdf")
-    return Closure(
+    return SurfaceTree(
         copy,
         flattened,
         Nothing(opaque=False) if bsdf is None else reader.tree(bsdf),
@@ -156,27 +156,27 @@ def closure_of(document: mx.Document, element: str) -> Closure:
     )
 
 
-def lobes(tree: Tree) -> Iterator[Lobe]:
+def lobes(tree: Tree) -> Iterator[LobeNode]:
     """The scattering functions of a tree."""
     match tree:
-        case Lobe():
+        case LobeNode():
             yield tree
-        case Mix(first, second, _) | Add(first, second) | Layer(first, second):
+        case MixNode(first, second, _) | AddNode(first, second) | LayerNode(first, second):
             yield from lobes(first)
             yield from lobes(second)
-        case Multiply(inner, _) | Volume(inner, _):
+        case MultiplyNode(inner, _) | VolumeNode(inner, _):
             yield from lobes(inner)
 
 
 def has_layers(tree: Tree) -> bool:
     """Whether one scattering function of a tree lies on another."""
     match tree:
-        case Layer(top, base):
+        case LayerNode(top, base):
             both = all(any(lobes(each)) for each in (top, base))
             return both or has_layers(top) or has_layers(base)
-        case Mix(first, second, _) | Add(first, second):
+        case MixNode(first, second, _) | AddNode(first, second):
             return has_layers(first) or has_layers(second)
-        case Multiply(inner, _) | Volume(inner, _):
+        case MultiplyNode(inner, _) | VolumeNode(inner, _):
             return has_layers(inner)
         case _:
             return False
@@ -185,16 +185,16 @@ def has_layers(tree: Tree) -> bool:
 def ports(tree: Tree) -> Iterator[Port]:
     """All that a tree is given: the inputs of its lobes, and what mixes and multiplies them."""
     match tree:
-        case Lobe():
+        case LobeNode():
             yield from tree.inputs.values()
-        case Mix(first, second, amount):
+        case MixNode(first, second, amount):
             yield amount
             yield from ports(first)
             yield from ports(second)
-        case Add(first, second) | Layer(first, second):
+        case AddNode(first, second) | LayerNode(first, second):
             yield from ports(first)
             yield from ports(second)
-        case Multiply(inner, port) | Volume(inner, port):
+        case MultiplyNode(inner, port) | VolumeNode(inner, port):
             yield port
             yield from ports(inner)
 
@@ -202,22 +202,22 @@ def ports(tree: Tree) -> Iterator[Port]:
 def reflecting(tree: Tree) -> Tree:
     """The part of a tree that reflects light."""
     match tree:
-        case Lobe(inputs=inputs):
+        case LobeNode(inputs=inputs):
             mode = inputs.get("scatter_mode", "R")
             if mode == "T":
                 return Nothing(opaque=False)
             return tree if mode == "R" else replace(tree, inputs={**inputs, "scatter_mode": "R"})
         case Nothing():
             return tree
-        case Mix(fg, bg, amount):
-            return Mix(reflecting(fg), reflecting(bg), amount)
-        case Add(in1, in2):
-            return Add(reflecting(in1), reflecting(in2))
-        case Multiply(in1, in2):
-            return Multiply(reflecting(in1), in2)
-        case Layer(top, base):
-            return Layer(reflecting(top), reflecting(base))
-        case Volume(top, _):
+        case MixNode(fg, bg, amount):
+            return MixNode(reflecting(fg), reflecting(bg), amount)
+        case AddNode(in1, in2):
+            return AddNode(reflecting(in1), reflecting(in2))
+        case MultiplyNode(in1, in2):
+            return MultiplyNode(reflecting(in1), in2)
+        case LayerNode(top, base):
+            return LayerNode(reflecting(top), reflecting(base))
+        case VolumeNode(top, _):
             return reflecting(top)
 
 
@@ -309,11 +309,11 @@ class _Reader:
             # A part that a constant leaves out need not be known.
             if amount in (0.0, 1.0):
                 return self._part(node, "bg" if amount == 0.0 else "fg")
-            return Mix(self._part(node, "fg"), self._part(node, "bg"), amount)
+            return MixNode(self._part(node, "fg"), self._part(node, "bg"), amount)
         if category == "add":
-            return Add(self._part(node, "in1"), self._part(node, "in2"))
+            return AddNode(self._part(node, "in1"), self._part(node, "in2"))
         if category == "multiply":
-            return Multiply(self._part(node, "in1"), self.port(node, "in2"))
+            return MultiplyNode(self._part(node, "in1"), self.port(node, "in2"))
         if (
             category == "layer"
             and node.getInput("base") is not None
@@ -321,7 +321,7 @@ class _Reader:
         ):
             return self._over_volume(node)
         if category == "layer":
-            return Layer(self._part(node, "top"), self._part(node, "base"))
+            return LayerNode(self._part(node, "top"), self._part(node, "base"))
         if self._has_weight(node) and self.port(node, "weight") == 0.0:
             return Nothing(category.removeprefix("mrm_") in _OPAQUE)
         if category not in KNOWN_NODES:
@@ -338,7 +338,7 @@ class _Reader:
             )
         absorption = self.port(below, "absorption")
         # The logarithm of a colour, which may be black.
-        return Volume(
+        return VolumeNode(
             top, replace(absorption, infinite=True) if isinstance(absorption, Driven) else absorption
         )
 
@@ -350,7 +350,7 @@ class _Reader:
         port = node.getInput(name)
         return Nothing(opaque=False) if port is None else self.tree(port)
 
-    def _lobe(self, node: mx.Node, category: str, path: str) -> Lobe:
+    def _lobe(self, node: mx.Node, category: str, path: str) -> LobeNode:
         inputs = {
             each.getName(): self.port(node, each.getName())
             for each in self.definition(node).getActiveInputs()
@@ -364,7 +364,7 @@ class _Reader:
             raise UnknownClosure(
                 f"{path} is an anisotropic {category}, whose masking MaterialX approximates; mrm_{category} is exact"
             )
-        return Lobe(category, path, inputs)
+        return LobeNode(category, path, inputs)
 
     def emissions(self, port: mx.Input | None) -> list[Port]:
         """What has to be 0 for a tree of emission to emit nothing; the evaluator adds none."""

@@ -19,7 +19,7 @@ from mrm_nodes.reference import diffuse, layers
 from mrm_nodes.reference.albedo_points import albedo_of_points
 from mrm_nodes.reference.bsdf import BsdfSample
 from mrm_nodes.regression.truth import closure
-from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, PLAIN_NODES, Lobe, Port, Tree
+from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, PLAIN_NODES, LobeNode, Port, Tree
 from mrm_nodes.regression.truth.environment_reference import (
     Estimate,
     environment_image,
@@ -281,20 +281,20 @@ class _Placed:
     def tree(self, tree: Tree, kind: type[_Response]) -> layers.Closure:
         """The evaluator's tree, its leaves of one kind."""
         match tree:
-            case Lobe():
+            case LobeNode():
                 return self._leaf(tree, kind)
             case closure.Nothing(opaque):
                 return _Dark(0.0 if opaque else 1.0)
-            case closure.Mix(fg, bg, amount):
+            case closure.MixNode(fg, bg, amount):
                 return _Mix(self.tree(fg, kind), self.tree(bg, kind), self._number(amount))
-            case closure.Add(in1, in2):
+            case closure.AddNode(in1, in2):
                 return layers.Add(self.tree(in1, kind), self.tree(in2, kind))
-            case closure.Multiply(in1, in2):
+            case closure.MultiplyNode(in1, in2):
                 # MaterialX clamps the factor.
                 return layers.Multiply(self.tree(in1, kind), np.clip(self._number(in2), 0.0, 1.0))
-            case closure.Layer(top, base):
+            case closure.LayerNode(top, base):
                 return layers.Layer(self.tree(top, kind), self.tree(base, kind))
-            case closure.Volume(top, _):
+            case closure.VolumeNode(top, _):
                 return self.tree(top, kind)
 
     def judge(
@@ -316,28 +316,28 @@ class _Placed:
             return self.judge(part, v, judged, through, is_exact)
 
         match tree:
-            case Lobe(path=path):
+            case LobeNode(path=path):
                 if path not in self._judged:
                     self._judged[path] = self._leaf(tree, _Judged)
                 return judged(self._judged[path])
             case closure.Nothing(opaque):
                 return _Part.nothing(v, 0.0 if opaque else 1.0)
-            case closure.Mix(fg, bg, amount):
+            case closure.MixNode(fg, bg, amount):
                 share = self._number(amount)[..., None]
                 return inner(fg).mixed(inner(bg), share)
-            case closure.Add(in1, in2):
+            case closure.AddNode(in1, in2):
                 return inner(in1).added(inner(in2))
-            case closure.Multiply(in1, in2):
+            case closure.MultiplyNode(in1, in2):
                 return inner(in1).times(_colour(np.clip(self._number(in2), 0.0, 1.0)), is_exact)
-            case closure.Layer(top, base):
+            case closure.LayerNode(top, base):
                 return inner(top).over(inner(base))
-            case closure.Volume(top, absorption):
+            case closure.VolumeNode(top, absorption):
                 return inner(top).absorbed(self._number(absorption)) if through else inner(top)
 
     def _number(self, port: Port) -> Array:
         return as_float32(self._resolve(port))
 
-    def _leaf(self, lobe: Lobe, kind: type[_Kind]) -> _Kind:
+    def _leaf(self, lobe: LobeNode, kind: type[_Kind]) -> _Kind:
         if lobe.path not in self._lobes:
             self._lobes[lobe.path] = {name: self._resolve(port) for name, port in lobe.inputs.items()}
             if lobe.node != DIFFUSE_NODE:
@@ -368,7 +368,7 @@ UNIT_LENGTH = 1e-5
 """How far from 1 the length of a normal may be that counts as one."""
 
 
-def _check_normal(lobe: Lobe, normal: Array | None) -> None:
+def _check_normal(lobe: LobeNode, normal: Array | None) -> None:
     """MaterialX's nodes take a normal as it is: a longer or shorter one is no surface's."""
     if normal is None:
         return
@@ -380,7 +380,7 @@ def _check_normal(lobe: Lobe, normal: Array | None) -> None:
         )
 
 
-def _check_roughness(lobe: Lobe, values: Mapping[str, Any]) -> None:
+def _check_roughness(lobe: LobeNode, values: Mapping[str, Any]) -> None:
     alpha = _alpha(values)
     reflects = values.get("scatter_mode") != "T"
     if (
@@ -404,7 +404,7 @@ def _colour(value: Array) -> Array:
     return value if value.ndim and value.shape[-1] == 3 else value[..., None]
 
 
-def _as_ours(lobe: Lobe, values: Mapping[str, Any]) -> Mapping[str, Any]:
+def _as_ours(lobe: LobeNode, values: Mapping[str, Any]) -> Mapping[str, Any]:
     """The inputs by which our nodes have what one of MaterialX's is."""
     if lobe.node not in PLAIN_NODES:
         return values

@@ -5,15 +5,17 @@ import tempfile
 
 import pytest
 
+from mrm_nodes import cachefolder
 from mrm_nodes.regression.run.runner import required_backends
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.render.context import BACKENDS, probe_backends
 
 
 def pytest_configure(config):
-    """Runs that tests start know no results of earlier ones."""
+    """Runs that tests start know no results of earlier ones; Mesa knows the shaders that it has compiled."""
     cache = tempfile.TemporaryDirectory(prefix="mrm-nodes-tests-", ignore_cleanup_errors=True)
     config.add_cleanup(cache.cleanup)
+    os.environ.setdefault("MESA_SHADER_CACHE_DIR", str(cachefolder.of_user("") or cache.name))
     os.environ["XDG_CACHE_HOME"] = cache.name
 
 

@@ -1,6 +1,7 @@
 """Tests that stand for a client of the node library say so: their results make the table of clients.
 
 Runs that tests start keep their results to themselves. Every draw is checked for left-over state.
+Mesa's cache of compiled shaders is the user's own: `make regress` and each process of xdist fill it for the others.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from mrm_nodes import cli
+from mrm_nodes import cachefolder, cli
 from mrm_nodes.errors import MrmError
 from mrm_nodes.render.checks import CHECK_VARIABLE
 from mrm_nodes.render.context import get_context
@@ -21,6 +22,7 @@ from mrm_nodes.render.context import get_context
 def pytest_configure(config: pytest.Config) -> None:
     cache = tempfile.TemporaryDirectory(prefix="mrm-nodes-tests-", ignore_cleanup_errors=True)
     config.add_cleanup(cache.cleanup)
+    os.environ.setdefault("MESA_SHADER_CACHE_DIR", str(cachefolder.of_user("") or cache.name))
     os.environ["XDG_CACHE_HOME"] = cache.name
     os.environ[CHECK_VARIABLE] = "1"
     config.addinivalue_line(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,11 +24,13 @@ from .checks import (
     MASKINGS,
     SCATTER_MODES,
     SMALLEST_ALPHA,
+    call_of,
     check_unit,
     choice,
     colour,
     directions,
     first,
+    name_of,
     numbers,
     pair,
     scalar,
@@ -65,6 +67,9 @@ class Lobe:
         ValueError: a parameter outside its range, names that are not known or do not go together, or shapes that do
             not broadcast.
     """
+
+    _colours: ClassVar[tuple[str, ...]] = ()
+    """What the reflectance's own parameters are called."""
 
     def __init__(
         self,
@@ -149,6 +154,27 @@ class Lobe:
             self._shape = np.broadcast_shapes(*(p.shape[:-1] for p in self._parameters))
         except ValueError as error:
             raise ValueError(f"the parameters' shapes do not broadcast: {error}") from None
+
+    def __repr__(self) -> str:
+        exponent, thickness, film = self._parameters[5:8]
+        given: dict[str, Any] = {
+            **dict(zip(self._colours, self._parameters[2:5], strict=False)),
+            "exponent": exponent,
+            "alpha": self._alpha,
+            "retroreflectivity": self._retro,
+            "distribution": name_of(self._distribution, DISTRIBUTIONS),
+            "masking": name_of(self._masking, MASKINGS),
+            "correlation": name_of(self._correlation, CORRELATIONS),
+            "energy_compensation": name_of(self._compensation, COMPENSATIONS),
+            "thinfilm_thickness": thickness,
+            "thinfilm_ior": film,
+            "scatter_mode": name_of(self._scatter, SCATTER_MODES),
+            "retro_transmission": self._retro_transmission,
+            "slope_correlation": self._rxy,
+            "mean_slope": self._mean,
+            "tint": self._parameters[-1],
+        }
+        return call_of(type(self), given)
 
     @functools.cached_property
     def _table(self) -> Array:
@@ -383,6 +409,8 @@ class Conductor(Lobe):
         ValueError: names the argument that makes no sense.
     """
 
+    _colours = ("ior", "extinction")
+
     def __init__(
         self,
         ior: ArrayLike,
@@ -426,6 +454,8 @@ class Dielectric(Lobe):
         ValueError: names the argument that makes no sense.
     """
 
+    _colours = ("ior",)
+
     def __init__(
         self,
         ior: ArrayLike,
@@ -468,6 +498,8 @@ class GeneralizedSchlick(Lobe):
     Raises:
         ValueError: names the argument that makes no sense.
     """
+
+    _colours = ("color0", "color82", "color90")
 
     def __init__(
         self,

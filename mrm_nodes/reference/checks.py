@@ -1,5 +1,9 @@
 """What a caller may pass: names, ranges and shapes, and the errors that say which was wrong."""
 
+import inspect
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -149,3 +153,27 @@ def check_shapes(**shapes: tuple[int, ...]) -> tuple[int, ...]:
     except ValueError:
         named = ", ".join(f"{name} {shape}" for name, shape in shapes.items())
         raise ValueError(f"shapes do not broadcast: {named}") from None
+
+
+def name_of(code: int, names: Mapping[Any, int]) -> Any:
+    """The name that `choice` took a code for; the first of several."""
+    return next(name for name, each in names.items() if each == code)
+
+
+def call_of(kind: type, given: Mapping[str, Any]) -> str:
+    """The call that makes an object, without what is as by default. Of many values it has their shape.
+
+    given: what was passed, as it is kept: names as they are, numbers as arrays whose last axis is the components'.
+    """
+    shown = []
+    for name, parameter in inspect.signature(kind).parameters.items():
+        value = given[name]
+        if isinstance(value, np.ndarray):
+            alike = value.size and np.all(value == value.flat[0])
+            many = value.ndim > 1 and value.size > value.shape[-1]
+            value = float(value.flat[0]) if alike else value if many else tuple(map(float, value.flat))
+        if isinstance(value, np.ndarray):
+            shown.append(f"{name}=<{' x '.join(map(str, value.shape[:-1]))} values>")
+        elif value != parameter.default:
+            shown.append(f"{name}={value!r}")
+    return f"{kind.__name__}({', '.join(shown)})"

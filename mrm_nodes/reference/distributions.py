@@ -16,6 +16,7 @@ from .checks import (
     CORRELATIONS,
     MASKINGS,
     SMALLEST_ALPHA,
+    call_of,
     check_shapes,
     check_unit,
     choice,
@@ -200,6 +201,11 @@ class Distribution:
         self._alpha = np.concatenate(np.broadcast_arrays(x, y), axis=-1)
         self._rxy = scalar("slope_correlation", slope_correlation, -0.9999, 0.9999)
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
+
+    def __repr__(self) -> str:
+        x, y = self._alpha[..., :1], self._alpha[..., 1:]
+        given = {"ax": x, "ay": None if np.array_equal(x, y) else y}
+        return call_of(type(self), {**given, "slope_correlation": self._rxy, "mean_slope": self._mean})
 
     def _ask(
         self,

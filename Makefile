@@ -68,7 +68,8 @@ fuzz: setup
 		tests/test_fuzz.py tests/test_fuzz_readers.py
 
 faults: setup
-	MRM_FAULTS=200 $(BIN)/python -m pytest -q -n 2 tests/test_full_disk.py tests/test_power_cut.py tests/test_kills.py
+	MRM_FAULTS=200 $(BIN)/python -m pytest -q -n 2 tests/test_full_disk.py tests/test_power_cut.py tests/test_kills.py \
+		render_tests/test_robust_kills.py
 	MRM_REGRESS_FULL=1 $(BIN)/python -m pytest -q -n 2 render_tests/test_cache_agrees.py
 
 mutants: setup

@@ -1,6 +1,6 @@
 """kill -9, of the run and of its workers, at random moments: in the end all is as an undisturbed run leaves it.
 
-No baseline is touched by any of it.
+No baseline is touched by any of it. MRM_FAULTS, of `make faults`, has more kills.
 """
 
 import json
@@ -27,7 +27,7 @@ from mrm_nodes.regression.run.runner import run_suite
 from mrm_nodes.regression.suites import selection as suites
 from mrm_nodes.render.context import probe_backends
 
-KILLS = 25
+KILLS = 25 if os.environ.get("MRM_FAULTS") else 8
 """Of each kind."""
 CASES = [
     replace(case, size=(40, 40))
@@ -120,6 +120,27 @@ def workers_of(process):
         return []
 
 
+def opened(folder):
+    """Which file the journal of a run is, and how many lines it has."""
+    try:
+        with (folder / journal.NAME).open("rb") as file:
+            return os.fstat(file.fileno()).st_ino, file.read().count(b"\n")
+    except OSError:
+        return None, 0
+
+
+def wait_for_results(process, folder, earlier, more):
+    """Wait until a run has opened its journal in place of an earlier one and added so many lines, or has ended."""
+    at_first = None
+    while process.is_alive():
+        file, lines = opened(folder)
+        if file != earlier and file is not None:
+            at_first = lines if at_first is None else at_first
+            if lines >= at_first + more:
+                return
+        time.sleep(0.005)
+
+
 def test_a_run_that_is_killed_goes_on_where_it_was(
     working_backend, probes, tasks, undisturbed, tmp_path, monkeypatch
 ):
@@ -132,8 +153,14 @@ def test_a_run_that_is_killed_goes_on_where_it_was(
     for number in range(KILLS):
         arguments = {"jobs": 1 + number % 2, "resume": True}
         process = fork.Process(target=run_suite, args=(tasks, folder, working_backend), kwargs=arguments)
+        earlier, _ = opened(folder)
         process.start()
-        process.join(rng.uniform(0.0, 5.0))
+        if number % 4 == 3:
+            process.join(rng.uniform(0.0, 3.0))
+        else:
+            # What a run has, it writes anew as it begins: it is killed then, or soon after.
+            wait_for_results(process, folder, earlier, (0, 1, 3)[number % 4])
+            process.join(rng.uniform(0.0, 0.3))
         process.kill()
         process.join()
         if process.exitcode == 0:

@@ -143,11 +143,11 @@ def test_a_shader_that_never_ends_costs_render_one_line(folder, backend):
         "--size",
         "2048x2048",
         "--time-limit",
-        "8",
+        "5",
     )
     status, said = ended(folder, *given, "--backend", backend)
     assert status == 2 and len(said) == 1
-    assert said[0].startswith("mrm-nodes: no result within the time limit of 8 s")
+    assert said[0].startswith("mrm-nodes: no result within the time limit of 5 s")
     assert "a loop in its shader endless; --time-limit SECONDS" in said[0]
     assert not list(folder.glob("*.png"))
 
@@ -165,13 +165,13 @@ def test_so_does_one_whose_vertices_never_end(folder):
         "--samples",
         "1",
         "--time-limit",
-        "20",
+        "12",
     )
     assert ended(folder, *given)[0] == 0
     spoil_vertices(folder)
     (folder / "x.png").unlink()
     status, said = ended(folder, *given)
-    assert status == 2 and len(said) == 1 and "time limit of 20 s" in said[0]
+    assert status == 2 and len(said) == 1 and "time limit of 12 s" in said[0]
     assert not list(folder.glob("*.png"))
 
 
@@ -183,10 +183,10 @@ def test_a_case_whose_shader_never_ends_costs_itself(size, mesh, stage, folder):
         (folder / "endless.mtlx").write_text(FLAT)
     text = SUITE % (size, mesh) + '[[adjust]]\ncases = "metal*"\nsize = 8\nmesh = "box.obj"\n'
     (folder / "suite.toml").write_text(text)
-    cases = failed(folder, "--time-limit", "10")
+    cases = failed(folder, "--time-limit", "7")
     endless = cases.pop("endless")
     assert endless["verdict"] == "error" and endless["fault"] == "time"
-    assert endless["message"] == "no result within the time limit of 10 s, twice"
+    assert endless["message"] == "no result within the time limit of 7 s, twice"
     # The other one was drawn: all that it lacks is a baseline.
     (other,) = cases.values()
     assert "no baseline" in other["message"] and other["files"]["render_data"]

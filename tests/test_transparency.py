@@ -33,6 +33,9 @@ VERTEX_ALPHA = (
 )
 
 
+FIRST, LAST = BACKENDS[0], BACKENDS[-1]
+
+
 @pytest.fixture(scope="module", params=BACKENDS)
 def renderer(request):
     from test_render_gl import renderer_of
@@ -122,7 +125,12 @@ OPACITIES = {
 }
 
 
-@pytest.mark.parametrize("category", OPACITIES)
+# A driver blends what it is given: how each surface has it, one driver tells.
+@pytest.mark.parametrize(
+    ("renderer", "category"),
+    [*((FIRST, each) for each in OPACITIES), (LAST, "gltf_pbr"), (LAST, "surface_unlit")],
+    indirect=["renderer"],
+)
 def test_opacity_is_blended_as_the_viewer_does(renderer, tmp_path, category):
     grey = '<convert name="aaa" type="color3"><input name="in" type="float" nodename="a"/></convert>'
     blended = [("integer", "alpha_mode=2")] if category == "gltf_pbr" else []
@@ -158,7 +166,9 @@ def test_what_is_opaque_is_drawn_first_and_shines_through(renderer, tmp_path, or
     np.testing.assert_array_equal(drawn.image[4, 4], (0.0, 1.0, 0.0))
 
 
-@pytest.mark.parametrize("category", ["gltf_pbr", "UsdPreviewSurface"])
+@pytest.mark.parametrize(
+    ("renderer", "category"), [(FIRST, "UsdPreviewSurface"), (LAST, "gltf_pbr")], indirect=["renderer"]
+)
 def test_the_code_for_transparency_changes_no_bit_of_an_opaque_surface(renderer, monkeypatch, category):
     environment = find_environment("studio", samples=4)
     pictures = []

@@ -163,7 +163,7 @@ def check_driven(
         <input name="surfaceshader" type="surfaceshader" nodename="s" />
       </surfacematerial>
     </materialx>""")
-    shader = mrm_nodes.generate_shader(path, max_lights=1)
+    shader = mrm_nodes.generate_shader(path, max_lights=1, interface="reduced")
     drawing = render(shader, "plane", "0.4,0.3,2.5", [CameraLight()], (48, 48), environment=BLACK)
     # At the very edge of a texel, float32 may choose the other one.
     edge = np.abs((drawing.texcoord * 8.0 + 0.5) % 1.0 - 0.5).min(axis=-1)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import diffuse, layers
 from mrm_nodes.reference.albedo_points import albedo_of_points
-from mrm_nodes.reference.bsdf import BsdfSample
+from mrm_nodes.reference.bsdf import BsdfSample, Conductor
 from mrm_nodes.regression.truth import closure
 from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, PLAIN_NODES, LobeNode, Port, Tree
 from mrm_nodes.regression.truth.environment_reference import (
@@ -725,22 +725,37 @@ class _Judged(_Response):
         """What rounding makes of a metal that hardly absorbs where it reflects all, `(n, 3)`.
 
         MaterialX takes the root of half of sqrt(t² + 4 n² k²) - |t|, t = n² - k² - sin²: of the first term, rounded by
-        4 of 2^-24, no more is left than of another k. cosine: `(n,)`.
+        4 of 2^-24, no more is left than of another k. What a film shows in one channel is made of all three.
+        cosine: `(n,)`.
         """
         if not self.node.endswith("conductor_bsdf"):
             return 0.0
-        n, k = (np.atleast_1d(as_float32(self.values[name])) for name in ("ior", "extinction"))
-        if not np.any((n < 1.0) & (k < FAINT)):
-            return 0.0
-        t = np.abs(n**2 - k**2 - (1.0 - cosine**2)[..., None])
-        shift = 2 * UNIT * np.hypot(t, 2 * n * k) * t / n**2
+        n, k = (np.broadcast_to(as_float32(self.values[name]), exact.shape) for name in ("ior", "extinction"))
+        faint = (n < 1.0) & (k < FAINT)
+        at = faint.any(-1)
         change: Array = np.zeros(exact.shape)
-        for sign in (1.0, -1.0):
-            other = {**self.values, "extinction": np.sqrt(np.maximum(k**2 + sign * shift, 0.0))}
-            change = np.maximum(
-                change, np.abs(evaluator(_our_name(self.node), other).reflectance(cosine) - exact)
+        if not at.any():
+            return change
+        n, k, faint, cosine = n[at], k[at], faint[at], cosine[at]
+
+        def reflectance(extinction: Array) -> Array:
+            film = np.maximum(thickness, 0.0)
+            return Conductor(n, extinction, 1.0, thinfilm_thickness=film, thinfilm_ior=index).reflectance(
+                cosine
             )
-        return np.where((n < 1.0) & (k < FAINT), change, 0.0)
+
+        thickness, index = (
+            np.broadcast_to(as_float32(self.values[name]), at.shape)[at]
+            for name in ("thinfilm_thickness", "thinfilm_ior")
+        )
+        t = np.abs(n**2 - k**2 - (1.0 - cosine**2)[..., None])
+        shift = np.where(faint, 2 * UNIT * np.hypot(t, 2 * n * k) * t / n**2, 0.0)
+        for channel in np.eye(3):
+            # The channels are rounded apart.
+            others = (np.sqrt(np.maximum(k**2 + sign * shift * channel, 0.0)) for sign in (1.0, -1.0))
+            changes = (np.abs(reflectance(other) - exact[at]) for other in others)
+            change[at] += np.maximum(*changes)
+        return change
 
     def _albedo_error(self, view: Array, light: Array) -> Array | float:
         """Of what an energy-compensated Oren-Nayar puts back: a product of what two albedos lack of 1, and these are

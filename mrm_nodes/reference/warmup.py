@@ -15,6 +15,7 @@ from pathlib import Path
 from mrm_nodes.cachefolder import choose_numbas
 from mrm_nodes.processes import end_with_parent
 
+from . import image_light, refracted_light  # noqa: F401  they register loops that nothing else here imports
 from .compiled import KERNELS, thread_count
 
 _PROGRAM = "from mrm_nodes.reference.warmup import help_out; help_out()"

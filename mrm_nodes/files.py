@@ -140,10 +140,33 @@ def read_bytes(path: str | Path, flags: int = 0) -> bytes:
     Raises:
         OSError: it cannot be read, is none, or is larger than `LARGEST`.
     """
-    with os.fdopen(open_ordinary(path, os.O_RDONLY | flags), "rb") as file:
-        if os.fstat(file.fileno()).st_size > LARGEST:
+    file = open_ordinary(path, os.O_RDONLY | flags)
+    try:
+        size = os.fstat(file).st_size
+        if size > LARGEST:
             raise OSError(errno.EFBIG, os.strerror(errno.EFBIG), os.fspath(path))
-        return file.read()
+        # One read more sees the end, of a file that grows meanwhile too.
+        pieces = []
+        while piece := os.read(file, size + 1):
+            pieces.append(piece)
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+    finally:
+        os.close(file)
+
+
+def write_plainly(path: str | Path, contents: bytes, flags: int = os.O_EXCL) -> None:
+    """Write a file that nobody looks at yet, and that is not there; with `os.O_TRUNC`, over one that is.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC | flags, 0o666)
+    try:
+        left = memoryview(contents)
+        while left:
+            left = left[os.write(file, left) :]
+    finally:
+        os.close(file)
 
 
 def place_in(folder: Path, name: str) -> Path:

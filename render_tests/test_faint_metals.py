@@ -1,6 +1,5 @@
 """A film over a metal of which one colour hardly absorbs: rounding in that colour is seen in all three."""
 
-
 from mrm_nodes.regression.cases import cloud
 from mrm_nodes.regression.truth import material
 from mrm_nodes.render.renderer import Renderer

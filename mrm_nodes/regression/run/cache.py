@@ -22,7 +22,7 @@ from typing import Any
 
 from mrm_nodes import cachefolder
 from mrm_nodes.errors import MrmError, MrmWarning
-from mrm_nodes.files import place_in, read_bytes
+from mrm_nodes.files import place_in, read_bytes, write_plainly
 from mrm_nodes.regression.run.journal import Entry, entry_of, line_with_sum, parsed
 from mrm_nodes.regression.verdict.outcome import Task, plain
 
@@ -137,9 +137,12 @@ class Cache:
             return
         place = self._place(key)
         try:
-            place.parent.mkdir(parents=True, exist_ok=True)
             unfinished = _hidden(place)
-            unfinished.mkdir()
+            try:
+                unfinished.mkdir()
+            except FileNotFoundError:
+                place.parent.mkdir(parents=True, exist_ok=True)
+                unfinished.mkdir()
             try:
                 digests = [
                     self._keep(f"{folder}/{name}", f"{unfinished}/{number}")
@@ -149,7 +152,7 @@ class Cache:
                 if self._secret:
                     header |= {"digests": digests}
                     header |= {"signature": self._signature(line_with_sum(header), entry.line)}
-                (unfinished / _OUTCOME).write_bytes(line_with_sum(header) + entry.line)
+                write_plainly(f"{unfinished}/{_OUTCOME}", line_with_sum(header) + entry.line)
                 if place.exists():
                     # An earlier entry was not good enough to be used.
                     _remove(place)
@@ -210,7 +213,7 @@ class Cache:
         is_linked = self._link and _linked(source, target)
         contents = b"" if is_linked and not self._secret else read_bytes(source)
         if not is_linked:
-            _write(target, contents)
+            write_plainly(target, contents)
         return hashlib.sha256(contents).hexdigest() if self._secret else ""
 
     def _give(self, source: str, target: str, sum_: Sequence[int], digest: str | None) -> None:
@@ -224,7 +227,7 @@ class Cache:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(target)  # noqa: PTH108
         if not (self._link and _linked(source, target)):
-            _write(target, contents)
+            write_plainly(target, contents)
 
 
 def _is_of(entry: Entry, task: Task | None, backend: str) -> bool:
@@ -251,17 +254,6 @@ def _place_for(folder: Path, name: str, parents: dict[str, str]) -> str:
     if parent not in parents:
         parents[parent] = str(place_in(folder, name).parent)
     return f"{parents[parent]}/{last}"
-
-
-def _write(file: str, contents: bytes) -> None:
-    """Write a file that is not there."""
-    handle = os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
-    try:
-        left = memoryview(contents)
-        while left:
-            left = left[os.write(handle, left) :]
-    finally:
-        os.close(handle)
 
 
 def _read(file: str | Path) -> bytes:

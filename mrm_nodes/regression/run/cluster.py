@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.files import write_plainly
 from mrm_nodes.regression.cases import digests as inputs
 from mrm_nodes.regression.run.journal import is_inside
 from mrm_nodes.regression.run.pool import Judged, Lost, WorkerProcess, estimate
@@ -238,7 +239,7 @@ def run_on(
                     if parent not in made:
                         (folder / parent).mkdir(parents=True, exist_ok=True)
                         made.add(parent)
-                    Path(f"{folder}/{name}").write_bytes(data)
+                    write_plainly(f"{folder}/{name}", data, os.O_TRUNC)
                 outcome = from_record({**answer.record, "setup": task.describe()})
                 yield Judged(task, outcome, folder, answer.warnings)
     finally:

@@ -66,12 +66,14 @@ def checksum(path: str | Path) -> list[int]:
     Raises:
         OSError: it cannot be read.
     """
-    piece = memoryview(bytearray(_PIECE))
     size = sum_ = 0
-    with os.fdopen(open_ordinary(path), "rb", buffering=0) as file:
-        while count := file.readinto(piece):
-            sum_ = zlib.crc32(piece[:count], sum_)
-            size += count
+    file = open_ordinary(path)
+    try:
+        while piece := os.read(file, _PIECE):
+            sum_ = zlib.crc32(piece, sum_)
+            size += len(piece)
+    finally:
+        os.close(file)
     return [size, sum_]
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import diffuse, layers
 from mrm_nodes.reference.albedo_points import albedo_of_points
-from mrm_nodes.reference.bsdf import BsdfSample, Conductor
+from mrm_nodes.reference.bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick
 from mrm_nodes.regression.truth import closure
 from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, PLAIN_NODES, LobeNode, Port, Tree
 from mrm_nodes.regression.truth.environment_reference import (
@@ -704,57 +704,106 @@ class _Judged(_Response):
         across = np.sum(view[..., :2] * light[..., :2], axis=-1)
         along = view[..., 2] * light[..., 2]
         most: list[Array] = [np.zeros(view.shape)] * len(errors)
-        shifts = [-1.0, 1.0]
-        if np.any(as_float32(self.values.get("exponent", 5.0)) < 1.0):
-            # Under a film such a curve is not monotonous on the way to 1.
-            shifts += [-1e-2, -1e-4, -1e-8]
+        steep = self._steep(along.shape)
         for sign in (1.0, -1.0):
             cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across + along), 0.0, 1.0))
             exact = self.lobe.reflectance(cosine)
-            faint = self._faint_extinction(cosine, exact)
+            of_root = self._root_rounding(cosine, exact)
             for number, error in enumerate(errors):
                 # What is nearer to 1 than float64 can tell is anywhere between.
                 high = low = exact
-                for shift in shifts:
+                for shift in (-1.0, 1.0):
                     beside = self.lobe.reflectance(np.clip(cosine + shift * error, 0.0, 1.0))
                     high, low = np.maximum(high, beside), np.minimum(low, beside)
-                most[number] = np.maximum(most[number], high - low + faint)
+                if steep is not None:
+                    # Under a film such a curve is not monotonous on the way to 1.
+                    at, lobe = steep
+                    between = [
+                        lobe.reflectance(np.clip(cosine[at] + shift * error, 0.0, 1.0)) for shift in _BETWEEN
+                    ]
+                    high[at] = np.max([high[at], *between], axis=0)
+                    low[at] = np.min([low[at], *between], axis=0)
+                most[number] = np.maximum(most[number], high - low + of_root)
         return [np.where(self._jumps, 1.0, each) for each in most]
 
-    def _faint_extinction(self, cosine: Array, exact: Array) -> Array | float:
-        """What rounding makes of a metal that hardly absorbs where it reflects all, `(n, 3)`.
+    def _steep(self, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], GeneralizedSchlick] | None:
+        """Where a Schlick curve has an exponent below 1, and what it is there, its reflectance alone."""
+        if not self.node.endswith("schlick_bsdf"):
+            return None
+        numbers = {
+            name: np.broadcast_to(as_float32(self.values[name]), shape)
+            for name in ("exponent", "thinfilm_thickness", "thinfilm_ior")
+        }
+        at = numbers["exponent"] < 1.0
+        if not at.any():
+            return None
+        color0, color82, color90 = (
+            np.broadcast_to(np.maximum(as_float32(self.values[name]), 0.0), (*shape, 3))[at]
+            for name in ("color0", "color82", "color90")
+        )
+        exponent, thickness, film = (each[at] for each in numbers.values())
+        curve = GeneralizedSchlick(
+            color0,
+            color82,
+            color90,
+            exponent,
+            1.0,
+            thinfilm_thickness=np.maximum(thickness, 0.0),
+            thinfilm_ior=film,
+        )
+        return at, curve
 
-        MaterialX takes the root of half of sqrt(t² + 4 n² k²) - |t|, t = n² - k² - sin²: of the first term, rounded by
-        4 of 2^-24, no more is left than of another k. What a film shows in one channel is made of all three.
-        cosine: `(n,)`.
+    def _root_rounding(self, cosine: Array, exact: Array) -> Array | float:
+        """What rounding makes of the root of t = n² - k² - sin² near the angle of total reflection, `(n, 3)`.
+
+        t is a difference of numbers near 1, off by 2 units (2^-24) of these, which is another index. Below a film its
+        index is a quotient, 3 units of a square, and the square of its cosine is off by 8 of the film's. And where a
+        metal that hardly absorbs reflects all, MaterialX takes the root of half of sqrt(t² + 4 n² k²) - |t|: of the
+        first term, rounded by 4 units, no more is left than of another extinction.
+        What a film shows in one channel is made of all three. cosine: `(n,)`; exact: the reflectance there.
         """
-        if not self.node.endswith("conductor_bsdf"):
+        is_metal = self.node.endswith("conductor_bsdf")
+        if not is_metal and not self.node.endswith("dielectric_bsdf"):
             return 0.0
-        n, k = (np.broadcast_to(as_float32(self.values[name]), exact.shape) for name in ("ior", "extinction"))
-        faint = (n < 1.0) & (k < FAINT)
-        at = faint.any(-1)
+        n = np.atleast_1d(as_float32(self.values["ior"]))
+        n = np.broadcast_to(n if is_metal else n[..., None], exact.shape)
+        k = np.broadcast_to(as_float32(self.values["extinction"]) if is_metal else 0.0, exact.shape)
+        t = n**2 - k**2 - (1.0 - cosine**2)[..., None]
+        near, faint = np.abs(t) < NEAR_TOTAL, (n < 1.0) & (k < FAINT) & is_metal
+        at = (near | faint).any(-1)
         change: Array = np.zeros(exact.shape)
         if not at.any():
             return change
-        n, k, faint, cosine = n[at], k[at], faint[at], cosine[at]
-
-        def reflectance(extinction: Array) -> Array:
-            film = np.maximum(thickness, 0.0)
-            return Conductor(n, extinction, 1.0, thinfilm_thickness=film, thinfilm_ior=index).reflectance(
-                cosine
-            )
-
-        thickness, index = (
-            np.broadcast_to(as_float32(self.values[name]), at.shape)[at]
-            for name in ("thinfilm_thickness", "thinfilm_ior")
+        n, k, t, near, faint, exact, cosine = (each[at] for each in (n, k, t, near, faint, exact, cosine))
+        thickness, film = (
+            np.broadcast_to(np.maximum(as_float32(self.values[name]), low), at.shape)[at]
+            for name, low in (("thinfilm_thickness", 0.0), ("thinfilm_ior", SMALLEST_INDEX))
         )
-        t = np.abs(n**2 - k**2 - (1.0 - cosine**2)[..., None])
-        shift = np.where(faint, 2 * UNIT * np.hypot(t, 2 * n * k) * t / n**2, 0.0)
-        for channel in np.eye(3):
-            # The channels are rounded apart.
-            others = (np.sqrt(np.maximum(k**2 + sign * shift * channel, 0.0)) for sign in (1.0, -1.0))
-            changes = (np.abs(reflectance(other) - exact[at]) for other in others)
-            change[at] += np.maximum(*changes)
+        squares = np.maximum(n**2, 1.0)
+        below = np.maximum(film, 1.0)[..., None] ** 2
+        units = np.where((thickness > 0)[..., None], 3 * n**2 + 8 * below, 2 * squares)
+        of_index = np.where(near, UNIT * units, 0.0)
+        of_extinction = np.where(faint, 2 * UNIT * np.hypot(t, 2 * n * k) * np.abs(t) / n**2, 0.0)
+
+        def moved(index: Array, extinction: Array) -> Array:
+            covering: dict[str, Any] = {"thinfilm_thickness": thickness, "thinfilm_ior": film}
+            lobe = (
+                Conductor(index, extinction, 1.0, **covering)
+                if is_metal
+                else Dielectric(index[..., 0], 1.0, **covering)
+            )
+            return np.abs(lobe.reflectance(cosine) - exact)
+
+        # Of a metal the channels are rounded apart.
+        for channel in np.eye(3) if is_metal else np.ones((1, 3)):
+            if near.any():
+                squared = (n**2 + sign * of_index * channel for sign in (1.0, -1.0))
+                change[at] += np.maximum(
+                    *(moved(np.sqrt(np.maximum(each, 0.25 * n**2)), k) for each in squared)
+                )
+            if faint.any():
+                squared = (k**2 + sign * of_extinction * channel for sign in (1.0, -1.0))
+                change[at] += np.maximum(*(moved(n, np.sqrt(np.maximum(each, 0.0))) for each in squared))
         return change
 
     def _albedo_error(self, view: Array, light: Array) -> Array | float:
@@ -794,8 +843,17 @@ class _Judged(_Response):
 ANYTHING = 1e30
 """A bound that is none."""
 
+_BETWEEN = (-1e-2, -1e-4, -1e-8)
+"""Shares of an error at which a curve that is not monotonous is asked too."""
+
 FAINT = 0.05
 """Extinction from which on rounding is no part of it."""
+
+NEAR_TOTAL = 0.1
+"""n² - sin² from which on its rounding is less than what is allowed a Fresnel factor anyway: half of 2^-23 over it."""
+
+SMALLEST_INDEX = 1e-6
+"""Of a film that is not there, whose index says nothing."""
 
 ARC_COSINE = 4096 * 2 * UNIT
 """Relative error of an arc cosine: what Vulkan asks of the arc tangent that it may be made of."""

@@ -157,7 +157,9 @@ def _list(file: Path) -> tuple[int, dict[str, float]]:
 def _run(
     file: Path, folder: Path, backend: str, jobs: int, drawn: _Drawn | None
 ) -> tuple[int, dict[str, float]]:
+    start = time.perf_counter()
     tasks = suite(str(file))
+    listed = time.perf_counter() - start
     cache = Cache(folder / "cache", limit=1 << 40)
     report = folder / "report"
     shutil.rmtree(report, ignore_errors=True)
@@ -169,6 +171,7 @@ def _run(
     }
     pieces = sum(piece.stat().st_size for piece in report.glob("cases/records/*.js"))
     sizes = {
+        "of which listing s": listed,
         "report.json MB": (report / "report.json").stat().st_size / 1e6,
         "page MB": (report / "index.html").stat().st_size / 1e6,
         "records MB": pieces / 1e6,

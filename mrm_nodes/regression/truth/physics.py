@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import diffuse, layers
 from mrm_nodes.reference.albedo_points import albedo_of_points
-from mrm_nodes.reference.bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick
+from mrm_nodes.reference.bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick, Lobe
 from mrm_nodes.regression.truth import closure
 from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, PLAIN_NODES, LobeNode, Port, Tree
 from mrm_nodes.regression.truth.environment_reference import (
@@ -708,7 +708,7 @@ class _Judged(_Response):
         for sign in (1.0, -1.0):
             cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across + along), 0.0, 1.0))
             exact = self.lobe.reflectance(cosine)
-            of_root = self._root_rounding(cosine, exact)
+            of_roots = self._root_rounding(cosine, exact) + self._film_rounding(cosine, exact)
             for number, error in enumerate(errors):
                 # What is nearer to 1 than float64 can tell is anywhere between.
                 high = low = exact
@@ -723,35 +723,57 @@ class _Judged(_Response):
                     ]
                     high[at] = np.max([high[at], *between], axis=0)
                     low[at] = np.min([low[at], *between], axis=0)
-                most[number] = np.maximum(most[number], high - low + of_root)
+                most[number] = np.maximum(most[number], high - low + of_roots)
         return [np.where(self._jumps, 1.0, each) for each in most]
 
-    def _steep(self, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], GeneralizedSchlick] | None:
-        """Where a Schlick curve has an exponent below 1, and what it is there, its reflectance alone."""
+    def _bare(self, at: NDArray[np.bool_], film: Array | None = None) -> Lobe:
+        """What has the lobe's reflectance at some of the points, `(n,)`.
+
+        film: another index of its film there.
+        """
+
+        def values(name: str, *components: int) -> Array:
+            return np.broadcast_to(as_float32(self.values[name]), (*at.shape, *components))[at]
+
+        index = values("thinfilm_ior") if film is None else film
+        covering: dict[str, Any] = {
+            "thinfilm_thickness": np.maximum(values("thinfilm_thickness"), 0.0),
+            "thinfilm_ior": index,
+        }
+        if self.node.endswith("conductor_bsdf"):
+            return Conductor(values("ior", 3), values("extinction", 3), 1.0, **covering)
+        if self.node.endswith("dielectric_bsdf"):
+            return Dielectric(values("ior"), 1.0, **covering)
+        color0, color82, color90 = (
+            np.maximum(values(name, 3), 0.0) for name in ("color0", "color82", "color90")
+        )
+        return GeneralizedSchlick(color0, color82, color90, values("exponent"), 1.0, **covering)
+
+    def _steep(self, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], Lobe] | None:
+        """Where a Schlick curve has an exponent below 1, and what has its reflectance there."""
         if not self.node.endswith("schlick_bsdf"):
             return None
-        numbers = {
-            name: np.broadcast_to(as_float32(self.values[name]), shape)
-            for name in ("exponent", "thinfilm_thickness", "thinfilm_ior")
-        }
-        at = numbers["exponent"] < 1.0
-        if not at.any():
-            return None
-        color0, color82, color90 = (
-            np.broadcast_to(np.maximum(as_float32(self.values[name]), 0.0), (*shape, 3))[at]
-            for name in ("color0", "color82", "color90")
+        at = np.broadcast_to(as_float32(self.values["exponent"]), shape) < 1.0
+        return (at, self._bare(at)) if at.any() else None
+
+    def _film_rounding(self, cosine: Array, exact: Array) -> Array | float:
+        """What rounding makes of the cosine in a film that is hardly denser than air, near grazing angles, `(n, 3)`.
+
+        Its square, 1 - sin² / index², is off by 8 units, as that of another index by 4 is. Arguments as of
+        `_root_rounding`.
+        """
+        thickness, film = (
+            np.broadcast_to(as_float32(self.values[name]), cosine.shape)
+            for name in ("thinfilm_thickness", "thinfilm_ior")
         )
-        exponent, thickness, film = (each[at] for each in numbers.values())
-        curve = GeneralizedSchlick(
-            color0,
-            color82,
-            color90,
-            exponent,
-            1.0,
-            thinfilm_thickness=np.maximum(thickness, 0.0),
-            thinfilm_ior=film,
-        )
-        return at, curve
+        film = np.maximum(film, 1.0)
+        at = (thickness > 0) & (film**2 - (1.0 - cosine**2) < NEAR_TOTAL)
+        change: Array = np.zeros(exact.shape)
+        if at.any():
+            others = (np.maximum(film[at] * (1.0 + 4 * sign * UNIT), 1.0) for sign in (1.0, -1.0))
+            reflected = (self._bare(at, other).reflectance(cosine[at]) for other in others)
+            change[at] = np.maximum(*(np.abs(each - exact[at]) for each in reflected))
+        return change
 
     def _root_rounding(self, cosine: Array, exact: Array) -> Array | float:
         """What rounding makes of the root of t = n² - k² - sin² near the angle of total reflection, `(n, 3)`.
@@ -869,7 +891,7 @@ def _lost_albedo(cosine: Array, roughness: Array) -> tuple[Array, Array]:
 
 
 def _phase_jumps(node: str, values: Mapping[str, Any]) -> NDArray[np.bool_]:
-    """Where rounding decides whether the index that a Schlick curve stands for is below its film's, `(n, 3)`: the
+    """Where rounding decides whether the index that a Schlick curve stands for is below its film's, `(n, 1)`: the
     phase of what it reflects is half a turn further then, and its Fresnel factor another one.
     """
     if not node.endswith("schlick_bsdf"):
@@ -880,7 +902,8 @@ def _phase_jumps(node: str, values: Mapping[str, Any]) -> NDArray[np.bool_]:
     # The index has six roundings, of which two are of 1 - sqrt(F0) at most 0.995.
     covered = as_float32(values["thinfilm_thickness"])[..., None] > 0
     jumps: NDArray[np.bool_] = covered & (np.abs(index - film) <= 16 * UNIT * index**2)
-    return jumps
+    # What a film shows in one channel is made of all three.
+    return np.asarray(jumps.any(-1, keepdims=True))
 
 
 class _Surrounded(_Response):

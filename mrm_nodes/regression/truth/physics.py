@@ -726,28 +726,26 @@ class _Judged(_Response):
                 most[number] = np.maximum(most[number], high - low + of_roots)
         return [np.where(self._jumps, 1.0, each) for each in most]
 
-    def _bare(self, at: NDArray[np.bool_], film: Array | None = None) -> Lobe:
-        """What has the lobe's reflectance at some of the points, `(n,)`.
-
-        film: another index of its film there.
-        """
+    def _bare(self, at: NDArray[np.bool_], **changed: Array) -> Lobe:
+        """What has the lobe's reflectance at some of the points, `(n,)`; changed: inputs with other values there."""
 
         def values(name: str, *components: int) -> Array:
+            if name in changed:
+                return changed[name]
             return np.broadcast_to(as_float32(self.values[name]), (*at.shape, *components))[at]
 
-        index = values("thinfilm_ior") if film is None else film
-        covering: dict[str, Any] = {
+        film: dict[str, Any] = {
             "thinfilm_thickness": np.maximum(values("thinfilm_thickness"), 0.0),
-            "thinfilm_ior": index,
+            "thinfilm_ior": values("thinfilm_ior"),
         }
         if self.node.endswith("conductor_bsdf"):
-            return Conductor(values("ior", 3), values("extinction", 3), 1.0, **covering)
+            return Conductor(values("ior", 3), values("extinction", 3), 1.0, **film)
         if self.node.endswith("dielectric_bsdf"):
-            return Dielectric(values("ior"), 1.0, **covering)
+            return Dielectric(values("ior"), 1.0, **film)
         color0, color82, color90 = (
             np.maximum(values(name, 3), 0.0) for name in ("color0", "color82", "color90")
         )
-        return GeneralizedSchlick(color0, color82, color90, values("exponent"), 1.0, **covering)
+        return GeneralizedSchlick(color0, color82, color90, values("exponent"), 1.0, **film)
 
     def _steep(self, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], Lobe] | None:
         """Where a Schlick curve has an exponent below 1, and what has its reflectance there."""
@@ -771,7 +769,7 @@ class _Judged(_Response):
         change: Array = np.zeros(exact.shape)
         if at.any():
             others = (np.maximum(film[at] * (1.0 + 4 * sign * UNIT), 1.0) for sign in (1.0, -1.0))
-            reflected = (self._bare(at, other).reflectance(cosine[at]) for other in others)
+            reflected = (self._bare(at, thinfilm_ior=each).reflectance(cosine[at]) for each in others)
             change[at] = np.maximum(*(np.abs(each - exact[at]) for each in reflected))
         return change
 
@@ -798,34 +796,27 @@ class _Judged(_Response):
             return change
         n, k, t, near, faint, exact, cosine = (each[at] for each in (n, k, t, near, faint, exact, cosine))
         thickness, film = (
-            np.broadcast_to(np.maximum(as_float32(self.values[name]), low), at.shape)[at]
-            for name, low in (("thinfilm_thickness", 0.0), ("thinfilm_ior", SMALLEST_INDEX))
+            np.broadcast_to(as_float32(self.values[name]), at.shape)[at][..., None]
+            for name in ("thinfilm_thickness", "thinfilm_ior")
         )
-        squares = np.maximum(n**2, 1.0)
-        below = np.maximum(film, 1.0)[..., None] ** 2
-        units = np.where((thickness > 0)[..., None], 3 * n**2 + 8 * below, 2 * squares)
+        units = np.where(thickness > 0, 3 * n**2 + 8 * np.maximum(film, 1.0) ** 2, 2 * np.maximum(n**2, 1.0))
         of_index = np.where(near, UNIT * units, 0.0)
         of_extinction = np.where(faint, 2 * UNIT * np.hypot(t, 2 * n * k) * np.abs(t) / n**2, 0.0)
 
-        def moved(index: Array, extinction: Array) -> Array:
-            covering: dict[str, Any] = {"thinfilm_thickness": thickness, "thinfilm_ior": film}
-            lobe = (
-                Conductor(index, extinction, 1.0, **covering)
-                if is_metal
-                else Dielectric(index[..., 0], 1.0, **covering)
-            )
-            return np.abs(lobe.reflectance(cosine) - exact)
+        def moved(**changed: Array) -> Array:
+            return np.abs(self._bare(at, **changed).reflectance(cosine) - exact)
 
         # Of a metal the channels are rounded apart.
         for channel in np.eye(3) if is_metal else np.ones((1, 3)):
             if near.any():
-                squared = (n**2 + sign * of_index * channel for sign in (1.0, -1.0))
-                change[at] += np.maximum(
-                    *(moved(np.sqrt(np.maximum(each, 0.25 * n**2)), k) for each in squared)
-                )
+                squares = (n**2 + sign * of_index * channel for sign in (1.0, -1.0))
+                indices = (np.sqrt(np.maximum(each, 0.25 * n**2)) for each in squares)
+                change[at] += np.maximum(*(moved(ior=each if is_metal else each[..., 0]) for each in indices))
             if faint.any():
-                squared = (k**2 + sign * of_extinction * channel for sign in (1.0, -1.0))
-                change[at] += np.maximum(*(moved(n, np.sqrt(np.maximum(each, 0.0))) for each in squared))
+                squares = (k**2 + sign * of_extinction * channel for sign in (1.0, -1.0))
+                change[at] += np.maximum(
+                    *(moved(extinction=np.sqrt(np.maximum(each, 0.0))) for each in squares)
+                )
         return change
 
     def _albedo_error(self, view: Array, light: Array) -> Array | float:
@@ -873,9 +864,6 @@ FAINT = 0.05
 
 NEAR_TOTAL = 0.1
 """n² - sin² from which on its rounding is less than what is allowed a Fresnel factor anyway: half of 2^-23 over it."""
-
-SMALLEST_INDEX = 1e-6
-"""Of a film that is not there, whose index says nothing."""
 
 ARC_COSINE = 4096 * 2 * UNIT
 """Relative error of an arc cosine: what Vulkan asks of the arc tangent that it may be made of."""

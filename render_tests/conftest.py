@@ -1,6 +1,7 @@
 """One worker per backend and session; a backend that is missing skips its tests, or fails them where it is required."""
 
 import os
+import signal
 import tempfile
 
 import pytest
@@ -17,6 +18,8 @@ def pytest_configure(config):
     config.add_cleanup(cache.cleanup)
     os.environ.setdefault("MESA_SHADER_CACHE_DIR", str(cachefolder.of_user("") or cache.name))
     os.environ["XDG_CACHE_HOME"] = cache.name
+    # A shell's background jobs begin with it ignored, and so would the commands that tests interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session", params=BACKENDS)

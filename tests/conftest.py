@@ -7,6 +7,7 @@ Mesa's cache of compiled shaders is the user's own: `make regress` and each proc
 from __future__ import annotations
 
 import os
+import signal
 import tempfile
 from collections.abc import Callable
 from typing import Any
@@ -25,6 +26,8 @@ def pytest_configure(config: pytest.Config) -> None:
     os.environ.setdefault("MESA_SHADER_CACHE_DIR", str(cachefolder.of_user("") or cache.name))
     os.environ["XDG_CACHE_HOME"] = cache.name
     os.environ[CHECK_VARIABLE] = "1"
+    # A shell's background jobs begin with it ignored, and so would the commands that tests interrupt.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     config.addinivalue_line(
         "markers", "client(name): a row of the table of clients; {x} in it stands for the test's parameter x"
     )
@@ -35,6 +38,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         parameters = item.callspec.params if hasattr(item, "callspec") else {}
         for mark in item.iter_markers("client"):
             item.user_properties.append(("client", mark.args[0].format(**parameters)))
+
+
+_FIRST_STATES: dict[str, Any] = {}
+
+
+@pytest.fixture(autouse=True)
+def _same_draws(request: pytest.FixtureRequest) -> None:
+    """A test that draws from its module's RNG draws the same numbers whatever ran before, and in whichever process."""
+    if rng := getattr(request.module, "RNG", None):
+        rng.bit_generator.state = _FIRST_STATES.setdefault(request.module.__name__, rng.bit_generator.state)
 
 
 @pytest.fixture

@@ -243,8 +243,8 @@ def test_what_processes_share_is_three_quarters_of_the_memory(monkeypatch):
     assert allowance.usual_memory(2) <= allowance.usual_memory(1)
     assert allowance.usual_memory(1000) == 2048
     monkeypatch.setattr(allowance, "_CONTROL_GROUPS", ())
-    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") >> 20
-    assert allowance.usual_memory(1) == max(2048, total * 3 // 4)
+    total = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert allowance.usual_memory(1) == max(2048, total * 3 // 4 >> 20)
 
 
 def test_a_container_has_less(tmp_path, monkeypatch):

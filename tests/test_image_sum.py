@@ -7,9 +7,10 @@ from mrm_nodes import reference as ref
 from mrm_nodes.reference import image_light
 from mrm_nodes.reference.image_light import EXACT, Driver
 from mrm_nodes.regression.truth.environment_reference import Estimate, beside_integral, radiance_from, some_of
-from mrm_nodes.regression.truth.image_sum import _joined
+from mrm_nodes.regression.truth.image_sum import Surroundings, _joined, diffuse_sum
+from mrm_nodes.regression.verdict.compare import lobe_bounds
 from mrm_nodes.render import probe_backends
-from mrm_nodes.render.arithmetic import ALLOWED, measure
+from mrm_nodes.render.arithmetic import ALLOWED, Arithmetic, measure
 from mrm_nodes.render.environment import Environment, sky
 
 RNG = np.random.default_rng(5)
@@ -123,7 +124,7 @@ def test_many_samples_of_a_white_map_come_to_the_albedo(lobe):
     albedo = lobe.albedo(v)
     errors = [np.abs(summed(lobe, v, frames(20), white, n).value / albedo - 1).max() for n in (200, 20000)]
     assert errors[1] < 3e-3
-    assert errors[1] < 0.3 * errors[0]
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_the_bounds_hold_for_a_view_a_frame_and_a_driver_in_float32():
@@ -135,7 +136,7 @@ def test_the_bounds_hold_for_a_view_a_frame_and_a_driver_in_float32():
     error = np.abs(rounded.value - found.value)
     assert (error <= found.most).all()
     assert np.quantile(error / found.usual, 0.999) <= 1
-    assert np.median(found.most / found.value) < 5e-5
+    assert np.median(found.most / found.value) < 1e-4
 
 
 def test_a_constant_map_has_no_difference_of_texels():
@@ -156,6 +157,20 @@ def test_oren_nayar_in_an_environment_keeps_what_it_has_as_light_from_all_around
         v = np.array([np.sqrt(1 - mu * mu), 0.0, mu])
         integral = np.pi * ref.eon(color[0], 0.6, v, l).mean(axis=0)
         np.testing.assert_allclose(compensated[k], integral, atol=4e-3)
+
+
+def test_points_that_share_a_normal_may_all_have_the_largest_error_of_one_look_up():
+    around = Surroundings(NOISE, Arithmetic(np.full(2, 1e-4), np.full(2, 1e-4), 0.0, 0.0, 0.0, 0.0))
+    values = {"color": 0.8, "roughness": np.zeros(100), "energy_compensation": False}
+    differ = diffuse_sum(values, views(100), frames(100), around, 0.0)
+    share = diffuse_sum(values, views(100), frames(1).repeat(100, axis=0), around, 0.0)
+    arithmetic = lobe_bounds(1.0, "ggx")
+    differ, share = (  # what is left are the products of look-up and albedo
+        each.most - each.usual - (arithmetic.max_rel - arithmetic.p999_rel) * each.value
+        for each in (differ, share)
+    )
+    assert (differ > 1e-9).mean() > 0.9
+    np.testing.assert_allclose(share, 0.0, atol=1e-15)
 
 
 def test_what_a_sum_is_beside_the_integral():

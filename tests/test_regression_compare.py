@@ -6,10 +6,13 @@ import pytest
 from mrm_nodes import reference
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.verdict.compare import (
+    BEYOND,
+    BY_CHANCE,
     FLOOR,
     NEAR_COSINE_MAX,
     VIEW_MAX,
     Bounds,
+    beyond_by_chance,
     compare,
     direction_bounds,
     lobe_bounds,
@@ -47,7 +50,7 @@ def test_one_value_over_the_largest_error_fails(factor):
     assert figures.used == pytest.approx(2.0)
 
 
-def test_many_small_errors_fail_by_the_percentile():
+def test_many_small_errors_fail_by_the_second_bound():
     image = scene()
     image[:40] *= 1.0 + 3e-5
     verdict, figures = compare(image, scene(), LOOSE)
@@ -60,6 +63,36 @@ def test_a_few_small_errors_pass():
     image = scene()
     image[:2] *= 1.0 + 3e-5
     assert compare(image, scene(), LOOSE)[0] == "pass"
+
+
+@pytest.mark.parametrize(("points", "allowed"), [(0, 0), (10, 1), (188, 3), (1000, 6), (1_000_000, 1120)])
+def test_as_many_values_as_chance_may_put_beyond_the_second_bound_are_allowed(points, allowed):
+    from scipy.stats import binom
+
+    assert beyond_by_chance(points) == allowed
+    if points:
+        # The smallest number that chance exceeds in fewer than one sound image of 10,000.
+        assert binom.sf(allowed, points, BEYOND) <= BY_CHANCE < binom.sf(allowed - 1, points, BEYOND)
+
+
+@pytest.mark.parametrize("points", [10, 188, 4000])
+def test_one_point_more_than_chance_allows_fails(points):
+    allowed, image = beyond_by_chance(points), scene(points)
+    image[:allowed] *= 1.0 + 3e-5
+    verdict, figures = compare(image, scene(points), LOOSE)
+    assert (verdict, figures.used < 1) == ("pass", True)
+    image[allowed, 0] *= 1.0 + 3e-5
+    verdict, figures = compare(image, scene(points), LOOSE)
+    assert verdict == "fail"
+    assert figures.used == pytest.approx(3.0)
+
+
+def test_points_without_light_do_not_add_to_what_chance_allows():
+    image, wanted = np.zeros((1_000_000, 3)), np.zeros((1_000_000, 3))
+    wanted[:188] = scene(188)
+    image[:188] = scene(188)
+    image[:4] *= 1.0 + 3e-5
+    assert compare(image, wanted, LOOSE)[0] == "fail"
 
 
 def test_a_point_whose_bound_black_would_keep_says_nothing_but_that_it_is_finite():
@@ -163,7 +196,7 @@ def test_bounds_allow_what_an_error_of_both_cosines_does_to_the_masking(v, l, al
     assert at(v, l, alpha, masking) >= needed + lobe_bounds(alpha, "ggx").max_rel[0]
 
 
-def test_the_percentile_is_numpy_s_own_whatever_the_values():
+def test_the_quantile_is_numpy_s_own_whatever_the_values():
     """The largest values are sorted out first: ties, infinities and few values must not matter."""
     rng = np.random.default_rng(4)
     for count in (1, 2, 999, 1001, 30_000):

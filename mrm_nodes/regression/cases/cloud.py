@@ -28,7 +28,9 @@ from mrm_nodes.regression.verdict.compare import (
     Verdict,
     compare,
     decided,
+    quantile,
     relative_error,
+    share_of_usual,
 )
 from mrm_nodes.regression.verdict.outcome import Outcome, timed
 from mrm_nodes.render.arithmetic import measure
@@ -308,7 +310,7 @@ def _judge(points: dict[str, NDArray[Any]]) -> CloudResult:
     used = np.maximum(error / points["max_bound"], 0)
     used[~np.isfinite(used)] = np.inf
     worst = np.argsort(-used.max(-1), kind="stable")[:WORST_KEPT]
-    # The share of 99.9 % is owed in every decade, not only by all together.
+    # The second bound is owed in every decade, not only by all together.
     share = max(figures.used, *(_share_of_percentile(points, error, low, high) for low, high in DECADES))
     if share > 1:
         verdict = "fail"
@@ -422,11 +424,11 @@ def _maps(points: dict[str, NDArray[Any]], used: Array) -> Iterator[dict[str, An
 
 
 def _share_of_percentile(points: dict[str, NDArray[Any]], error: Array, low: float, high: float) -> float:
-    """The share of its bound that the 99.9th percentile of one decade used."""
+    """The share of the second bound that one decade used."""
     inside = (points["alpha"] >= low) & (points["alpha"] < high)
     if not inside.any():
         return 0.0
-    return float(np.quantile((error / points["p999_bound"])[inside], 0.999, method="higher"))
+    return share_of_usual(error[inside], points["reference"][inside], points["p999_bound"][inside])
 
 
 def _by_decade(points: dict[str, NDArray[Any]], error: Array) -> Iterator[dict[str, Any]]:
@@ -441,10 +443,10 @@ def _by_decade(points: dict[str, NDArray[Any]], error: Array) -> Iterator[dict[s
                 "film": film,
                 "configurations": int(inside.sum()),
                 "max_rel": float(values.max()),
-                "p999_rel": float(np.quantile(values, 0.999, method="higher")),
+                "p999_rel": quantile(values, 0.999),
                 "max_used": float((values / points["max_bound"][inside]).max()),
-                "p999_used": float(
-                    np.quantile(values / points["p999_bound"][inside], 0.999, method="higher")
+                "p999_used": share_of_usual(
+                    values, points["reference"][inside], points["p999_bound"][inside]
                 ),
             }
 

@@ -230,6 +230,9 @@ def diffuse_sum(
     found = image_light.look_up(
         _irradiance(around.environment), normal, VIEW, np.zeros(1), 0.0, around.driver
     )
+    if len(np.unique(normal, axis=0)) < len(normal) / 2:
+        # Points that share a normal are off alike: what holds for most directions says nothing of one.
+        found = found._replace(usual=found.most)
     color, roughness = as_float32(values["color"]), as_float32(values["roughness"])[..., None]
     cosine = np.clip(view_in(frame, view)[:, 2:], image_light.SMALLEST, 1.0)
     albedo = image_light.oren_nayar_albedo(color, roughness, cosine, bool(values["energy_compensation"]))

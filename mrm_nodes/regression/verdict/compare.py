@@ -5,6 +5,7 @@ and scale with 1/alpha: a lobe of width alpha magnifies float32's rounding of a 
 several lobes each has its own bound, and the pixel the sum of what they are of its response (`physics`).
 """
 
+import functools
 import math
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -71,10 +72,16 @@ NOTICED = 0.1
 NOTICED_SHARE = 0.01
 """Share of the lit values that have to notice a fault."""
 
+BEYOND = 1e-3
+"""The probability with which a value may be beyond the second bound."""
+
+BY_CHANCE = 1e-4
+"""The probability with which a sound image may have more such points than are allowed."""
+
 
 @dataclass(frozen=True)
 class Bounds:
-    """What an error may be: at most `max_rel` anywhere, and `p999_rel` for 99.9 % of the values.
+    """What an error may be: at most `max_rel` anywhere, and beyond `p999_rel` with a probability of 1/1000.
 
     Scalars, or arrays `(n, 1)` or `(n, 3)` where the bound differs from point to point.
     """
@@ -268,28 +275,57 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
     if not np.isfinite(error).all():
         error[~np.isfinite(error)] = np.inf
     max_error, p999_error = decided(error, bounds.max_rel), decided(error, bounds.p999_rel)
-    max_rel, p999_rel = float(np.max(max_error)), quantile(p999_error, 0.999)
+    max_rel = float(np.max(max_error))
     # One bound for all points is divided by once.
     used = max(
         max_rel / bounds.max_rel if np.ndim(bounds.max_rel) == 0 else np.max(max_error / bounds.max_rel),
-        p999_rel / bounds.p999_rel
-        if np.ndim(bounds.p999_rel) == 0
-        else quantile(p999_error / bounds.p999_rel, 0.999),
+        share_of_usual(p999_error, reference, bounds.p999_rel),
     )
     notices = _notices(reference, bounds)
     figures = Figures(
         max_abs=float(np.max(difference)),
         max_rel=max_rel,
-        p999_rel=p999_rel,
+        p999_rel=quantile(p999_error, 0.999),
         rmse=float(np.sqrt(np.mean(np.square(difference, out=difference)))),
         used=float(used),
         pixels=len(image),
-        lit=int(np.logical_or.reduce([channel > 0 for channel in reference.T]).sum()),
+        lit=_lit(reference),
         notices=notices,
     )
     if used > 1:
         return "fail", figures
     return ("pass" if notices <= NOTICED else "undecided"), figures
+
+
+def _lit(reference: Array) -> int:
+    """Points whose reference is above zero."""
+    return int(np.logical_or.reduce([channel > 0 for channel in reference.T]).sum())
+
+
+def share_of_usual(error: Array, reference: Array, bound: float | Array) -> float:
+    """The share of the second bound that is used: by the worst value but those that chance may put beyond it.
+
+    error, reference: `(n, 3)`; bound: a scalar, `(n, 1)` or `(n, 3)`.
+    """
+    above = error.shape[-1] * beyond_by_chance(_lit(reference))
+    if above >= error.size:
+        return 0.0
+    if np.ndim(bound) == 0:
+        return float(_largest_but(error, above) / bound)
+    return _largest_but(error / bound, above)
+
+
+@functools.lru_cache(maxsize=1024)
+def beyond_by_chance(points: int) -> int:
+    """How many of n points may be beyond the second bound: fewer than one sound image of 10,000 has more.
+
+    A value may be beyond it with a probability of 1/1000, and the three of a point round alike, so that the points
+    count: their number is binomial. Of 1,000 points 6 may be, of a million 1,120, and of 10 points one, where the
+    largest of 30 values would have to be within it otherwise.
+    """
+    from scipy.special import bdtrik
+
+    return max(math.ceil(bdtrik(1.0 - BY_CHANCE, points, BEYOND)), 0) if points else 0
 
 
 def decided(error: Array, bound: float | Array) -> Array:
@@ -314,8 +350,7 @@ def _notices(reference: Array, bounds: Bounds) -> float:
         for each in (bounds.max_rel, bounds.p999_rel)
     )
     enough = math.ceil(NOTICED_SHARE * len(scale)) - 1
-    # One in a thousand values may exceed the second bound.
-    beyond = max(enough, math.floor(values.size / 1000))
+    beyond = max(enough, values.shape[-1] * beyond_by_chance(_lit(values)))
     return float(min(most[enough], usual[beyond] if beyond < len(usual) else math.inf))
 
 
@@ -331,10 +366,16 @@ def why_undecided(figures: Figures) -> str:
 
 def quantile(values: Array, share: float) -> float:
     """The value at `share` of the sorted values, which may be infinite: `np.quantile`'s method "higher"."""
+    return _largest_but(values, values.size - 1 - math.ceil((values.size - 1) * share))
+
+
+def _largest_but(values: Array, above: int) -> float:
+    """The largest value but as many as `above`, fewer than there are."""
     flat = np.ravel(values)
-    above = flat.size - 1 - math.ceil((flat.size - 1) * share)
     # A sample tells where the largest values begin: only those are sorted.
-    begin = np.quantile(flat[:: flat.size // 4096 + 1], max(0.0, 4 * share - 3), method="lower")
+    begin = np.quantile(
+        flat[:: flat.size // 4096 + 1], max(0.0, 1 - 4 * (above + 1) / flat.size), method="lower"
+    )
     largest = flat[flat >= begin]
     if len(largest) <= above:
         largest = flat

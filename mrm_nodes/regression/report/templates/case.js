@@ -441,7 +441,7 @@ function layeringFacts({ max_rel, mean_rel }) {
 function cloudFacts(each) {
   return el("section", { class: "wide" }, el("h3", {}, boundText(each)), usedBar(each.used, each.verdict),
     each.details.maps ? mapFacts(each.details.maps) : null,
-    el("p", { class: "quiet" }, "Largest relative error, what 99.9 % stay below, and the share of their bounds."),
+    el("p", { class: "quiet" }, "Largest relative error, what 99.9 % stay below, and the shares of both bounds."),
     el("div", { class: "facts" }, PAGE.decades.map(([low, high]) => el("div", {}, el("b", { class: "number" }, `alpha ${low} … ${high}`), decadesOf(each, low)))));
 }
 
@@ -449,7 +449,7 @@ function cloudFacts(each) {
 function mapFacts(maps) {
   const alphas = [PAGE.decades[0][0], ...PAGE.decades.map((decade) => decade[1])];
   return [
-    el("p", { class: "quiet" }, "The largest share of its bound in each cell of the smaller alpha and of an angle to the normal. A light below the horizon counts at 90°. The verdict asks for the 99.9th percentile too, below."),
+    el("p", { class: "quiet" }, "The largest share of its bound in each cell of the smaller alpha and of an angle to the normal. A light below the horizon counts at 90°. The verdict asks for the second bound too, below."),
     el("div", { class: "maps" }, maps.map(({ angle, film, used }) => {
       const most = `at most ${share(worstOf([{ used }]))}`;
       const which = `${film ? "with" : "without"} a film`;

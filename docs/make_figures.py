@@ -194,8 +194,9 @@ def layering() -> Figure:
         ("glass, roughness 0.3", ref.Dielectric(1.5, 0.09), BLUE),
     ):
         # Green, where a film has a colour.
-        axes.plot(degrees, coat.exact_throughput(view)[:, 1], color=colour, label=name)
-        axes.plot(degrees, coat.throughput(view)[:, 1], color=colour, linestyle="--")
+        leaf = ref.Leaf(coat)
+        axes.plot(degrees, leaf.exact_throughput(view)[:, 1], color=colour, label=name)
+        axes.plot(degrees, leaf.throughput(view)[:, 1], color=colour, linestyle="--")
     axes.set(
         xlabel="angle of the view, degrees; dashed: by MaterialX's rule",
         ylabel="what the base keeps",

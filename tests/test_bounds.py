@@ -14,6 +14,7 @@ from test_material_case import case_of, write
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.regression.truth import closure, physics
 from mrm_nodes.regression.truth.closure import LobeNode, Nothing, Port, Tree, lobes
+from mrm_nodes.regression.truth.material import complete
 from mrm_nodes.regression.truth.reference_image import light_at
 from mrm_nodes.regression.verdict.compare import (
     HALF_VECTOR_MAX,
@@ -227,6 +228,26 @@ def test_an_image_of_which_nothing_is_lit_is_undecided():
     verdict, figures = compare(dark, dark, bounds)
     assert (verdict, figures.notices) == ("undecided", np.inf)
     assert compare(dark + 1e-3, dark, bounds)[0] == "fail"
+
+
+def test_a_tint_multiplies_a_lobe_and_what_its_fresnel_factor_may_be_off():
+    node = "mrm_dielectric_bsdf"
+    rng = np.random.default_rng(0)
+    light = rng.normal(size=(500, 3))
+    light[:, 2] = np.abs(light[:, 2]) + 0.05
+    light /= np.linalg.norm(light, axis=1, keepdims=True)
+    view = light[::-1]
+    frame = np.broadcast_to(np.eye(3), (500, 3, 3))
+
+    def judged(tint: float) -> Any:
+        values = complete(node, {"ior": 1.2, "roughness": (0.5, 0.5), "tint": (tint, tint, tint)})
+        return physics._Judged(node, {**values, "normal": None, "tangent": None}, frame).judge(
+            view, light, 0.0
+        )
+
+    plain, tinted = judged(1.0), judged(8.0)
+    for name in ("value", "most", "usual"):
+        np.testing.assert_allclose(getattr(tinted, name), 8.0 * getattr(plain, name), rtol=1e-12)
 
 
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])

@@ -12,7 +12,7 @@ import pytest
 
 import mrm_nodes
 from mrm_nodes import library, shadergen
-from mrm_nodes.reference import layers
+from mrm_nodes.reference import materialx
 from mrm_nodes.regression.truth import material
 from mrm_nodes.regression.truth.reference_image import evaluator, light_at, shading_frame
 from mrm_nodes.render.context import probe_backends
@@ -127,7 +127,7 @@ class InFrame:
     def throughput(self, v: np.ndarray, l: np.ndarray, weight: float = 1.0) -> np.ndarray:  # noqa: E741
         lit = self._local(l)
         facing = np.where(lit[..., 2:] > 0, lit, [0.0, 0.0, 1.0])
-        return self.lobe.throughput(self._local(v), facing, weight)
+        return materialx.Leaf(self.lobe, weight).throughput(self._local(v), facing)
 
     def _local(self, w: np.ndarray) -> np.ndarray:
         local = np.einsum("nij,nj->ni", self.frame, w)
@@ -153,7 +153,7 @@ def reference(
     def frame(normal: np.ndarray, tangent: np.ndarray) -> np.ndarray:
         return shading_frame(position, normal, tangent, seen.camera.position)[1]
 
-    def lobe(name: str, frame: np.ndarray, weight: float = 1.0) -> layers.Leaf:
+    def lobe(name: str, frame: np.ndarray, weight: float = 1.0) -> materialx.Leaf:
         node = doc.getNode(name)
         own = node.getCategory()
         ours = own if own.startswith("mrm_") else f"mrm_{own}"
@@ -161,20 +161,20 @@ def reference(
             each.getName(): _value(each, patterns) for each in node.getInputs() if each.getName() in VALUED
         }
         bsdf = evaluator(ours, material.complete(ours, {}) | given)
-        return layers.Leaf(InFrame(bsdf, frame), weight)
+        return materialx.Leaf(InFrame(bsdf, frame), weight)
 
     smooth, bumpy = frame(normal, tangent), frame(patterns["bumps"], tangent)
     turned = frame(patterns["bumps"], patterns["turned"])
-    cloth = layers.OrenNayar((0.7, 0.3, 0.2), 0.4)
-    tree = layers.Add(
-        layers.Add(
-            layers.Mix(lobe("tape", turned), lobe("theirs", bumpy), 0.4),
-            layers.Layer(
+    cloth = materialx.OrenNayar((0.7, 0.3, 0.2), 0.4)
+    tree = materialx.Add(
+        materialx.Add(
+            materialx.Mix(lobe("tape", turned), lobe("theirs", bumpy), 0.4),
+            materialx.Layer(
                 lobe("lacquer", smooth, 0.6),
-                layers.Layer(lobe("coat", smooth), layers.Leaf(InFrame(cloth, smooth))),
+                materialx.Layer(lobe("coat", smooth), materialx.Leaf(InFrame(cloth, smooth))),
             ),
         ),
-        layers.Multiply(lobe("tint", frame(normal, patterns["turned"])), 0.25),
+        materialx.Multiply(lobe("tint", frame(normal, patterns["turned"])), 0.25),
     )
     view = shading_frame(position, normal, tangent, seen.camera.position)[0]
     total = np.zeros(view.shape)

@@ -141,9 +141,8 @@ def test_the_parts_lie_on_each_other_as_written_down_here():
     )
     top = ref.GeneralizedSchlick(0.223, color90=0.8, alpha=0.167, **common)
     film = 0.19 / np.pi
-    expected = top.eval(v, light) + top.throughput(v, light) * (
-        beads.eval(v, light) + beads.throughput(v, light) * film
-    )
+    through_top, through_beads = (ref.Leaf(each).throughput(v, light) for each in (top, beads))
+    expected = top.eval(v, light) + through_top * (beads.eval(v, light) + through_beads * film)
     np.testing.assert_allclose(GRAY.eval(v, light), expected, rtol=1e-12)
 
 

@@ -5,7 +5,7 @@ from .diffuse import diffuse_microfacets, eon, lambert, oren_nayar
 from .distributions import GGX, Beckmann, BeckmannRational, Distribution
 from .energy import average_albedo, white_albedo
 from .fresnel import fresnel_conductor, fresnel_dielectric, fresnel_schlick
-from .layers import Add, Closure, Lambert, Layer, Leaf, Mix, Multiply, OrenNayar
+from .materialx import Add, Closure, Lambert, Layer, Leaf, Mix, Multiply, OrenNayar
 from .phong import Phong
 
 __all__ = [

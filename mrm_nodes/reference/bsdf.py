@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import block, kernels
 from . import energy_formulas as energy
 from . import microsurface as surface
-from .albedo_fit import COEFFICIENTS, split_sum
+from .albedo_fit import COEFFICIENTS
 from .checks import (
     COMPENSATIONS,
     CORRELATIONS,
@@ -300,87 +300,6 @@ class Lobe:
         inputs = [np.array([0.0, 0.0, 1.0]), padded, *self._parameters]
         (result,), _ = run(kernels.REFLECTANCE, inputs, modes, [3], [self._table])
         return result
-
-    def throughput(self, v: ArrayLike, l: ArrayLike | None = None, weight: ArrayLike = 1.0) -> Array:  # noqa: E741
-        """What MaterialX's `layer` multiplies the base with when this lobe lies on top: shape (..., 3).
-
-        1 - weight * directional albedo, the albedo being MaterialX's split-sum fit F0 A + F90 B times the
-        factor of its energy compensation. That factor takes F at v.h of each lobe for a light l, and at v.n
-        without one (environments) up to 1.39.5; the lobes of a blend are mixed linearly. A conductor lets
-        nothing through, a lobe without reflection everything.
-
-        Args:
-            v: (..., 3), as in `eval`.
-            l: (..., 3), the light's direction, or None.
-            weight: (...), the node's, at least 0.
-
-        Raises:
-            ValueError: a compensation that MaterialX does not have; as `eval`.
-        """
-        view = directions("v", v)
-        shape = np.broadcast_shapes(view.shape[:-1], self._shape)
-        amount = scalar("weight", weight, 0.0)
-        check_unit("v", view)
-        if self._kind == CONDUCTOR:
-            return np.zeros((*np.broadcast_shapes(shape, amount.shape[:-1]), 3))
-        if self._compensation not in (energy.NONE, energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
-            raise ValueError(
-                "throughput is MaterialX's: energy_compensation must be None or one of its versions"
-            )
-        cosine = np.clip(np.abs(view[..., 2:]), 1e-8, 1.0)
-        mean_alpha = np.sqrt(self._alpha[..., :1] * self._alpha[..., 1:])
-        a, b = split_sum(self._fit_pair(), cosine, mean_alpha)
-        if self._kind == SCHLICK:
-            f0, f90 = self._parameters[2], self._parameters[4]
-        else:
-            f0 = ((self._parameters[2] - 1.0) / (self._parameters[2] + 1.0)) ** 2
-            f90 = np.ones(3)
-        bare = f0 * a + f90 * b
-
-        def covered(mirrored: Array) -> Array:
-            if self._compensation == energy.NONE:
-                return bare
-            at = cosine
-            if l is not None and self._compensation == energy.MATERIALX_1_39_5:
-                light = directions("l", l)
-                check_unit("l", light)
-                half = mirrored + light
-                at = np.clip(0.5 * np.linalg.norm(half, axis=-1, keepdims=True), 1e-8, 1.0)
-            f = self._reflectance(at, self._compensation)
-            return np.asarray(bare * (1.0 + f * (1.0 - (a + b)) / (a + b)))
-
-        side = np.where(view[..., 2:] < 0.0, -1.0, 1.0)
-        forward, retro = side * view, side * view * np.array([-1.0, -1.0, 1.0])
-        albedo = (1.0 - self._retro) * covered(forward) + self._retro * covered(retro)
-        if self._kind == SCHLICK:
-            albedo = np.broadcast_to(albedo.mean(axis=-1, keepdims=True), albedo.shape)
-        if self._scatter == block.TRANSMIT:
-            albedo = np.zeros_like(albedo)
-        return np.asarray(1.0 - amount * albedo)
-
-    def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
-        """What this lobe leaves to a base below it, by its own albedo: shape (..., 3).
-
-        1 - weight * `albedo`, at least 0: albedo scaling as the specification of MaterialX's `layer` has it, with the
-        albedo of the response that is really there, for each channel: all of Fresnel's curve (its tint at 82 degrees,
-        its film), `tint`, the energy compensation, the masking, and in `T` and `RT` what is transmitted, too, which a
-        base would else show a second time. A conductor is opaque, as MaterialX has it: 0 whatever its weight. The
-        quadrature takes a millisecond a view.
-
-        Args:
-            v: (..., 3), as in `eval`.
-            weight: what the response is multiplied by, at least 0: a number or (..., 3).
-
-        Raises:
-            ValueError: as `albedo`.
-        """
-        view = directions("v", v)
-        amount = colour("weight", weight, 0.0)
-        check_unit("v", view)
-        if self._kind == CONDUCTOR or not amount.any():
-            shape = np.broadcast_shapes(view.shape[:-1], self._shape, amount.shape[:-1])
-            return np.full((*shape, 3), 0.0 if self._kind == CONDUCTOR else 1.0)
-        return np.maximum(1.0 - amount * self.albedo(view), 0.0)
 
 
 class Conductor(Lobe):

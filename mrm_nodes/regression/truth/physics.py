@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.reference import diffuse, layers
+from mrm_nodes.reference import diffuse, materialx
 from mrm_nodes.reference.albedo_points import albedo_of_points
 from mrm_nodes.reference.bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick, Lobe
 from mrm_nodes.regression.truth import closure
@@ -278,7 +278,7 @@ class _Placed:
         self._lobes: dict[str, Mapping[str, Any]] = {}
         self._judged: dict[str, _Judged] = {}
 
-    def tree(self, tree: Tree, kind: type[_Response]) -> layers.Closure:
+    def tree(self, tree: Tree, kind: type[_Response]) -> materialx.Closure:
         """The evaluator's tree, its leaves of one kind."""
         match tree:
             case LobeNode():
@@ -288,12 +288,12 @@ class _Placed:
             case closure.MixNode(fg, bg, amount):
                 return _Mix(self.tree(fg, kind), self.tree(bg, kind), self._number(amount))
             case closure.AddNode(in1, in2):
-                return layers.Add(self.tree(in1, kind), self.tree(in2, kind))
+                return materialx.Add(self.tree(in1, kind), self.tree(in2, kind))
             case closure.MultiplyNode(in1, in2):
                 # MaterialX clamps the factor.
-                return layers.Multiply(self.tree(in1, kind), np.clip(self._number(in2), 0.0, 1.0))
+                return materialx.Multiply(self.tree(in1, kind), np.clip(self._number(in2), 0.0, 1.0))
             case closure.LayerNode(top, base):
-                return layers.Layer(self.tree(top, kind), self.tree(base, kind))
+                return materialx.Layer(self.tree(top, kind), self.tree(base, kind))
             case closure.VolumeNode(top, _):
                 return self.tree(top, kind)
 
@@ -411,7 +411,7 @@ def _as_ours(lobe: LobeNode, values: Mapping[str, Any]) -> Mapping[str, Any]:
     return {**values, "masking": "smith", "retroreflectivity": float(values["retroreflective"])}
 
 
-class _Mix(layers.Mix):
+class _Mix(materialx.Mix):
     """As MaterialX has it, which does not clamp `amount`."""
 
     def _blend(self, front: Array, back: Array) -> Array:
@@ -420,7 +420,7 @@ class _Mix(layers.Mix):
 
 
 @dataclass(frozen=True)
-class _Dark(layers.Closure):
+class _Dark(materialx.Closure):
     """No response, and one throughput everywhere."""
 
     through: float
@@ -435,7 +435,7 @@ class _Dark(layers.Closure):
         return self.throughput(v)
 
 
-class _Response(layers.Closure):
+class _Response(materialx.Closure):
     """A lobe in its frame: directions are in world space, and its cosine is part of the response."""
 
     around: Estimate | None = None
@@ -459,10 +459,8 @@ class _Response(layers.Closure):
     def throughput(self, v: Any, l: Any = None) -> Array:  # noqa: E741
         if self.lobe is None:
             return np.zeros(np.shape(v))
-        through: Array = self.lobe.throughput(
-            self._local(v), None if l is None else self._local(l), self.weight
-        )
-        return through
+        leaf = materialx.Leaf(self.lobe, self.weight)
+        return leaf.throughput(self._local(v), None if l is None else self._local(l))
 
     @property
     def is_opaque(self) -> bool:
@@ -480,7 +478,9 @@ class _Response(layers.Closure):
             value: Array = self.lobe.eval(view, light)
             return value
         color, roughness = as_float32(self.values["color"]), as_float32(self.values["roughness"])
-        return layers.OrenNayar(color, roughness, bool(self.values["energy_compensation"])).eval(view, light)
+        return materialx.OrenNayar(color, roughness, bool(self.values["energy_compensation"])).eval(
+            view, light
+        )
 
     def _local(self, direction: Any) -> Array:
         local: Array = np.einsum("nij,nj->ni", self.frame, direction)
@@ -551,7 +551,7 @@ class _Part:
 
     def times(self, factor: Array, is_exact: bool) -> _Part:
         """As MaterialX's `multiply` has it, whose throughput stays; by the exact rule it does not."""
-        through = layers.through_of(self.through, self.clear, factor) if is_exact else self.through
+        through = materialx.through_of(self.through, self.clear, factor) if is_exact else self.through
         value, most, usual = (each * factor for each in (self.value, self.most, self.usual))
         return replace(self, value=value, most=most, usual=usual, through=through)
 
@@ -590,6 +590,8 @@ class _Judged(_Response):
         super().__init__(node, values, frame)
         # A compensated lobe is F (1 + c F), which changes with F by 1 + 2 c at most.
         self._whites = [] if self.lobe is None else [white_evaluator(values), white_evaluator(values, False)]
+        # A dielectric's tint multiplies the whole lobe.
+        self._tint = np.maximum(as_float32(values.get("tint", 1.0)), 0.0)
         self._alpha: Array = np.ones(2) if self.lobe is None else _alpha(values)
         self._distribution = "ggx" if self.lobe is None else values["distribution"]
         self._masking = "smith" if self.lobe is None else values["masking"]
@@ -603,12 +605,13 @@ class _Judged(_Response):
         white = value
         if self._whites:
             compensated, bare = (each.eval(view, light) for each in self._whites)
-            white = np.maximum(2.0 * compensated - bare, bare) * scale
+            white = np.maximum(2.0 * compensated - bare, bare) * self._tint * scale
         relative = self._relative(view, light, cosine)
         leak = self._leak(view, light)
         through, unsure = np.zeros(value.shape), np.zeros(1)
         if self.lobe is not None:
-            through, unsure = self.lobe.throughput(view, light, self.weight), self.weight[..., None]
+            through = materialx.Leaf(self.lobe, self.weight).throughput(view, light)
+            unsure = self.weight[..., None]
 
         most_change, usual_change = self._fresnel_changes(view, light, (HALF_COSINE_MAX, HALF_COSINE_P999))
 
@@ -647,7 +650,7 @@ class _Judged(_Response):
         else:
             mirrors = not self.node.startswith("mrm_")
             seen = lobe_sum(_our_name(self.node), self.values, v, self.frame, around, mirrors)
-            through, unsure = self.lobe.throughput(self._local(v), None, self.weight), weight
+            through, unsure = materialx.Leaf(self.lobe, self.weight).throughput(self._local(v)), weight
         return _Part(
             seen.value * weight,
             seen.most * weight,
@@ -665,7 +668,8 @@ class _Judged(_Response):
         weight = self.weight[..., None]
         # Nothing is reflected by a node that only transmits, and yet it is missing here.
         both = {**self.values, "scatter_mode": "R"}
-        through = evaluator(_our_name(self.node), both).throughput(self._local(v), None, self.weight)
+        lobe = evaluator(_our_name(self.node), both)
+        through = materialx.Leaf(lobe, self.weight).throughput(self._local(v))
         none = np.zeros(v.shape)
         value, most, usual = none, none, none
         if transmits(self.values):
@@ -849,7 +853,9 @@ class _Judged(_Response):
         across = light * (1.0, 1.0, 0.0) + (1e-12, 0.0, 0.0)
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
         grazing = across + np.array([0.0, 0.0, LEAKED_COSINE])
-        value = self._whites[0].eval(view, grazing) if self._whites else self._value(view, grazing)
+        value = (
+            self._whites[0].eval(view, grazing) * self._tint if self._whites else self._value(view, grazing)
+        )
         return np.where(below, value * LEAKED_COSINE, 0.0) * self.weight[..., None]
 
 

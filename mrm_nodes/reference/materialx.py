@@ -2,26 +2,31 @@
 
 A closure answers `eval(v, l)`, MaterialX's response without the cosine, `throughput(v, l)`, what it lets through
 to a layer below by the fit that MaterialX's shaders have of its albedo, and `exact_throughput(v)`, the same by the
-albedo itself. Any object with these three, such as the lobes of `bsdf`, becomes a leaf."""
+albedo itself. A leaf is a lobe of `bsdf`, of which the host's rule says both, or any object with these three."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from . import block
+from . import energy_formulas as energy
+from .albedo_fit import split_sum
+from .bsdf import Lobe
 from .checks import check_unit, choice, colour, directions, scalar
 from .compiled import Array
 from .diffuse import lambert, oren_nayar
+from .fresnel import CONDUCTOR, SCHLICK
 
 LAYERINGS = {"materialx": 0, "exact": 1}
 """How a top's share of the light is found: MaterialX's fit, or the albedo."""
 
 
 class BSDF(Protocol):
-    """What a leaf needs."""
+    """What a leaf needs of anything but a `Lobe`."""
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         """f(v, l), shape (..., 3)."""
@@ -68,10 +73,23 @@ class Closure:
 
 @dataclass(frozen=True)
 class Leaf(Closure):
-    """A lobe as a node of MaterialX's closure tree."""
+    """A lobe as a node of MaterialX's closure tree.
 
-    lobe: BSDF
-    """One of the lobes, or anything that has their `eval` and `throughput`."""
+    Throughputs of a conductor are 0, whatever its weight. `throughput` of another lobe is 1 - weight * directional
+    albedo, the albedo being MaterialX's split-sum fit F0 A + F90 B times the factor of its energy compensation. That
+    factor takes F at v.h of each lobe for a light l, and at v.n without one (environments) up to 1.39.5; the lobes of
+    a blend are mixed linearly. A lobe without reflection lets everything through. `exact_throughput` is
+    1 - weight * `Lobe.albedo`, at least 0: albedo scaling as the specification of MaterialX's `layer` has it, with the
+    albedo of the response that is really there, for each channel: all of Fresnel's curve (its tint at 82 degrees, its
+    film), `tint`, the energy compensation, the masking, and in `T` and `RT` what is transmitted, too, which a base
+    would else show a second time. Its quadrature takes a millisecond a view.
+
+    Raises:
+        ValueError: `throughput` of an energy compensation that MaterialX does not have.
+    """
+
+    lobe: Lobe | BSDF
+    """One of the lobes, or anything that has `eval`, `throughput` and `exact_throughput`."""
     weight: ArrayLike = 1.0
     """The node's, at least 0: (...)."""
 
@@ -79,12 +97,66 @@ class Leaf(Closure):
         return self.lobe.eval(v, l) * scalar("weight", self.weight, 0.0)
 
     def throughput(self, v: ArrayLike, l: ArrayLike | None = None) -> Array:  # noqa: E741
-        return self.lobe.throughput(v, l, self.weight)
+        if not isinstance(self.lobe, Lobe):
+            return self.lobe.throughput(v, l, self.weight)
+        view = directions("v", v)
+        check_unit("v", view)
+        light = None if l is None else directions("l", l)
+        if light is not None:
+            check_unit("l", light)
+        albedo = _fitted_albedo(self.lobe, view, light)
+        through = 1.0 - scalar("weight", self.weight, 0.0) * albedo
+        return np.asarray(np.zeros(through.shape) if self.lobe._kind == CONDUCTOR else through)
 
     def exact_throughput(self, v: ArrayLike, weight: ArrayLike = 1.0) -> Array:
-        return self.lobe.exact_throughput(
-            v, scalar("weight", self.weight, 0.0) * colour("weight", weight, 0.0)
-        )
+        amount = scalar("weight", self.weight, 0.0) * colour("weight", weight, 0.0)
+        if not isinstance(self.lobe, Lobe):
+            return self.lobe.exact_throughput(v, amount)
+        view = directions("v", v)
+        check_unit("v", view)
+        is_opaque = self.lobe._kind == CONDUCTOR
+        if is_opaque or not amount.any():
+            shape = np.broadcast_shapes(view.shape[:-1], self.lobe._shape, amount.shape[:-1])
+            return np.full((*shape, 3), 0.0 if is_opaque else 1.0)
+        return np.maximum(1.0 - amount * self.lobe.albedo(view), 0.0)
+
+
+_compensation: Any = energy.compensation.py_func
+"""Of arrays."""
+
+
+def _fitted_albedo(lobe: Lobe, view: Array, light: Array | None) -> Array:
+    """MaterialX's albedo of a lobe's reflection, (..., 3), as `Leaf` says; directions (..., 3)."""
+    shape = np.broadcast_shapes(view.shape[:-1], lobe._shape)
+    if lobe._kind == CONDUCTOR or lobe._scatter == block.TRANSMIT:
+        return np.zeros((*shape, 3))
+    if lobe._compensation not in (energy.NONE, energy.MATERIALX_1_39_5, energy.MATERIALX_1_39_6):
+        raise ValueError("throughput is MaterialX's: energy_compensation must be None or one of its versions")
+    cosine = np.clip(np.abs(view[..., 2:]), 1e-8, 1.0)
+    mean_alpha = np.sqrt(lobe._alpha[..., :1] * lobe._alpha[..., 1:])
+    a, b = split_sum(lobe._fit_pair(), cosine, mean_alpha)
+    if lobe._kind == SCHLICK:
+        f0, f90 = lobe._parameters[2], lobe._parameters[4]
+    else:
+        f0 = ((lobe._parameters[2] - 1.0) / (lobe._parameters[2] + 1.0)) ** 2
+        f90 = np.ones(3)
+    bare = f0 * a + f90 * b
+
+    def compensated(mirrored: Array) -> Array:
+        if lobe._compensation == energy.NONE:
+            return bare
+        at = cosine
+        if light is not None and lobe._compensation == energy.MATERIALX_1_39_5:
+            at = np.clip(0.5 * np.linalg.norm(mirrored + light, axis=-1, keepdims=True), 1e-8, 1.0)
+        f = lobe._reflectance(at, lobe._compensation)
+        return np.asarray(bare * _compensation(f, a + b))
+
+    side = np.where(view[..., 2:] < 0.0, -1.0, 1.0)
+    forward, retro = side * view, side * view * np.array([-1.0, -1.0, 1.0])
+    albedo = (1.0 - lobe._retro) * compensated(forward) + lobe._retro * compensated(retro)
+    if lobe._kind == SCHLICK:
+        albedo = np.broadcast_to(albedo.mean(axis=-1, keepdims=True), albedo.shape)
+    return np.asarray(albedo)
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def _scaled(
     """A sum times a scale, its bounds with those of the lobe's arithmetic and Fresnel factor; of_factor: by how much
     the scale changes with that factor, relative to it."""
     arithmetic = lobe_bounds(1.0, distribution)
-    of_fresnel = fresnel_bounds(np.asarray(values["thinfilm_thickness"]) > 0)
+    of_fresnel = fresnel_bounds(as_float32(values["thinfilm_thickness"]), as_float32(values["thinfilm_ior"]))
 
     def allowed(error: Array, relative: Array, fresnel: Array) -> Array:
         wrong = error + np.abs(found.value) * (relative + fresnel * of_factor) + found.white * fresnel

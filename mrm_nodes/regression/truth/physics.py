@@ -596,7 +596,8 @@ class _Judged(_Response):
         self._distribution = "ggx" if self.lobe is None else values["distribution"]
         self._masking = "smith" if self.lobe is None else values["masking"]
         self._jumps = _phase_jumps(node, values)
-        self._fresnel = fresnel_bounds(False if self.lobe is None else values["thinfilm_thickness"] > 0)
+        film = [0.0, 1.0] if self.lobe is None else [values["thinfilm_thickness"], values["thinfilm_ior"]]
+        self._fresnel = fresnel_bounds(*map(as_float32, film))
 
     def judge(self, v: Array, l: Array, cosine: float) -> _Part:  # noqa: E741
         view, light = self._local(v), self._local(l)

@@ -33,6 +33,15 @@ FRESNEL_P999 = 3e-7
 UNIT = 2.0**-24
 """Half a unit in the last place of a float32 below 1: one rounding."""
 
+OUTER_ROUNDING = 1.75 * UNIT
+"""Error of what a film hardly denser than air reflects at its outer side: (t1 - t2) / (t1 + t2), where t1 is a sum,
+rounded, of cos², rounded, and t0, and t2 twice the product of the cosine and a root of t0, both rounded; t0 is
+nearly cos², too."""
+
+FILM_OUTER = 2.9
+"""By how much a film's colour changes with the root of that. Of two amplitudes, r and the root of R below, the first
+term of the series is 2 r (1 - R) sqrt(R), at most 0.77 r; a row of the matrix to RGB adds up to 3.74 at most."""
+
 HALF_COSINE_MAX, HALF_COSINE_P999 = 7e-7, 4e-7
 """Error of the half angle's cosine, of which the Fresnel factor is taken. MaterialX's mirror of the view has six
 roundings a component (a sum of three products, its double, a difference), the half vector two, the products one, their
@@ -134,10 +143,18 @@ def lobe_bounds(alpha: ArrayLike, distribution: str) -> Bounds:
     )
 
 
-def fresnel_bounds(film: ArrayLike) -> Bounds:
-    """The absolute error of a Fresnel factor, `(n, 1)`. film: whether there is one, `(n,)` or a scalar."""
-    film = np.asarray(film, bool)[..., None]
-    return Bounds(np.where(film, FILM_MAX, FRESNEL_MAX), np.where(film, FILM_P999, FRESNEL_P999))
+def fresnel_bounds(thickness: ArrayLike, index: ArrayLike) -> Bounds:
+    """The absolute error of a Fresnel factor, `(n, 1)`. thickness, index: a film's, each `(n,)` or a scalar."""
+    film = np.asarray(thickness)[..., None] > 0
+    index = np.maximum(np.asarray(index, np.float64), 1.0)[..., None]
+    # At other angles it reflects more, and rounding is less of it.
+    outer = (index - 1.0) / (index + 1.0)
+    rounded = np.maximum(
+        np.sqrt(outer**2 + OUTER_ROUNDING) - outer,
+        outer - np.sqrt(np.maximum(outer**2 - OUTER_ROUNDING, 0.0)),
+    )
+    usual = np.minimum(FILM_P999 + FILM_OUTER * rounded, FILM_MAX)
+    return Bounds(np.where(film, FILM_MAX, FRESNEL_MAX), np.where(film, usual, FRESNEL_P999))
 
 
 def direction_bounds(

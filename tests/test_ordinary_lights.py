@@ -6,6 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import MaterialX as mx
 import numpy as np
 import pytest
 from test_material_case import case_of, write
@@ -95,6 +96,32 @@ def test_an_ordinary_material_passes_and_would_notice_a_thousandth(
         assert (outcome.message, outcome.verdict) == ("", "pass"), (name, outcome.figures)
         assert outcome.figures is not None and outcome.figures.notices is not None
         assert outcome.figures.notices < 1e-3, name
+
+
+MAPPED = (
+    '<constant name="texel" type="vector3"><input name="value" type="vector3" value="0.64, 0.385, 0.95" /></constant>'
+    '<normalmap name="n" type="vector3"><input name="in" type="vector3" nodename="texel" /></normalmap>'
+)
+
+
+@pytest.mark.parametrize("node", ["conductor_bsdf", "dielectric_bsdf", "generalized_schlick_bsdf"])
+@pytest.mark.parametrize("is_retro", [False, True])
+def test_what_materialxs_nodes_leak_far_below_a_mapped_horizon(
+    node: str, is_retro: bool, workers: list[Worker], tmp_path: Path
+):
+    """A light behind the mapped normal and a view almost along it: the half vector is opposite the normal, where D is
+    as large as along it."""
+    inputs = '<input name="roughness" type="vector2" value="0.07, 0.07" />'
+    inputs += '<input name="normal" type="vector3" nodename="n" />'
+    if is_retro:
+        if mx.getVersionIntegers() < (1, 39, 5):
+            pytest.skip("this MaterialX has no retroreflective BSDFs")
+        inputs += '<input name="retroreflective" type="boolean" value="true" />'
+    case = case_of(write(tmp_path, MAPPED + of_node(node, inputs)))
+    lights = (PointLight((-1.66, -0.03, 3.1)), DirectionalLight((0.9, 0.2, -0.4)))
+    lit = replace(case, lights=lights, size=(64, 64))
+    outcome = workers[is_retro % len(workers)].run(lit, tmp_path / "report")
+    assert (outcome.message, outcome.verdict) == ("", "pass"), outcome.figures
 
 
 @pytest.mark.parametrize("count", [6, 40])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.reference import diffuse, materialx
+from mrm_nodes.reference import GGX, diffuse, materialx
 from mrm_nodes.reference.albedo_points import albedo_of_points
 from mrm_nodes.reference.bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick, Lobe
 from mrm_nodes.regression.truth import closure
@@ -854,10 +854,31 @@ class _Judged(_Response):
         across = light * (1.0, 1.0, 0.0) + (1e-12, 0.0, 0.0)
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
         grazing = across + np.array([0.0, 0.0, LEAKED_COSINE])
-        value = (
-            self._whites[0].eval(view, grazing) * self._tint if self._whites else self._value(view, grazing)
-        )
-        return np.where(below, value * LEAKED_COSINE, 0.0) * self.weight[..., None]
+        if self.lobe is None:
+            value = self._value(view, grazing) * LEAKED_COSINE
+        else:
+            value = self._leaked_lobe(view, light, grazing)
+        return np.where(below, value, 0.0) * self.weight[..., None]
+
+    def _leaked_lobe(self, view: Array, light: Array, grazing: Array) -> Array:
+        """D of the half vector, which may lie below the horizon, where D is what it is above; masked as for a light at
+        the horizon, and reflected as by what is white: `(n, 3)`."""
+        seen = np.concatenate([view[..., :2], np.maximum(view[..., 2:], LEAKED_COSINE)], axis=-1)
+        ggx = GGX(self._alpha[..., 0], self._alpha[..., 1])
+        retro = np.clip(as_float32(self.values["retroreflectivity"]), 0.0, 1.0)
+        density: Array = np.zeros(view.shape[:-1])
+        for share, turn in ((1.0 - retro, 1.0), (retro, -1.0)):
+            half = seen * (turn, turn, 1.0) + light
+            half[..., 2] = np.abs(half[..., 2]) + UNIT  # and is the normal where nothing is left of it
+            density += share * ggx.D(half / np.linalg.norm(half, axis=-1, keepdims=True))
+        up = np.array([0.0, 0.0, 1.0])
+        visible = ggx.G2(seen, grazing, up) / (4.0 * seen[..., 2])
+        compensated, bare = (each.eval(seen, up) for each in self._whites)
+        brightest = np.ones(1)
+        if self.node.endswith("schlick_bsdf"):
+            colors = (as_float32(self.values[name]) for name in ("color0", "color90"))
+            brightest = functools.reduce(np.maximum, colors, brightest)
+        return np.asarray((density * visible)[..., None] * compensated / bare * brightest * self._tint)
 
 
 ANYTHING = 1e30

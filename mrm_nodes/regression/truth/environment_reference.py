@@ -37,6 +37,10 @@ INTEGRATED = 64
 """Points of an image whose integrals are sampled: each takes milliseconds."""
 
 
+SAMPLES = 256
+"""Of each replicate at a point."""
+
+
 def some_of(count: int) -> NDArray[np.intp]:
     """Indices of at most INTEGRATED of so many points, evenly."""
     chosen: NDArray[np.intp] = np.arange(min(count, INTEGRATED)) * count // max(min(count, INTEGRATED), 1)
@@ -229,7 +233,7 @@ def environment_image(
     view: Array,
     frame: Array,
     environment: Environment,
-    samples: int = 256,
+    samples: int = SAMPLES,
     replicates: int = 8,
     seed: int = 0,
 ) -> Estimate:

@@ -17,15 +17,17 @@ from numpy.typing import NDArray
 from mrm_nodes.errors import MrmError
 from mrm_nodes.reference import GGX, diffuse, materialx
 from mrm_nodes.reference.albedo_points import albedo_of_points
-from mrm_nodes.reference.bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick, Lobe
+from mrm_nodes.reference.bsdf import BsdfSample
 from mrm_nodes.regression.truth import closure
 from mrm_nodes.regression.truth.closure import DIFFUSE_NODE, PLAIN_NODES, LobeNode, Port, Tree
 from mrm_nodes.regression.truth.environment_reference import (
+    SAMPLES,
     Estimate,
     environment_image,
     irradiance,
     reflected_radiance,
 )
+from mrm_nodes.regression.truth.fresnel_errors import Reflected, phase_jumps
 from mrm_nodes.regression.truth.image_sum import (
     Surroundings,
     diffuse_sum,
@@ -595,7 +597,9 @@ class _Judged(_Response):
         self._alpha: Array = np.ones(2) if self.lobe is None else _alpha(values)
         self._distribution = "ggx" if self.lobe is None else values["distribution"]
         self._masking = "smith" if self.lobe is None else values["masking"]
-        self._jumps = _phase_jumps(node, values)
+        if self.lobe is not None:
+            self._reflected = Reflected(node, values)
+            self._jumps = phase_jumps(node, values)
         film = [0.0, 1.0] if self.lobe is None else [values["thinfilm_thickness"], values["thinfilm_ior"]]
         self._fresnel = fresnel_bounds(*map(as_float32, film))
 
@@ -700,129 +704,24 @@ class _Judged(_Response):
             wide.p999_rel + (NEAR_COSINE_P999 + of_light) / near,
         )
 
-    def _fresnel_changes(self, view: Array, light: Array, errors: Sequence[float]) -> list[Array | float]:
+    def _fresnel_changes(self, view: Array, light: Array, errors: Sequence[float]) -> list[Array]:
         """By how much the Fresnel factor changes with each error of the half angle's cosine, forward or retro,
-        `(n, 3)`: without bound at an angle of total reflection, or where a small exponent meets the mirror angle.
+        `(n, 3)`, where anything is lit.
         """
+        changes = [np.zeros(view.shape) for _ in errors]
         if self.lobe is None:
-            return [0.0] * len(errors)
+            return changes
         across = np.sum(view[..., :2] * light[..., :2], axis=-1)
         along = view[..., 2] * light[..., 2]
-        most: list[Array] = [np.zeros(view.shape)] * len(errors)
-        steep = self._steep(along.shape)
-        for sign in (1.0, -1.0):
-            cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across + along), 0.0, 1.0))
-            exact = self.lobe.reflectance(cosine)
-            of_roots = self._root_rounding(cosine, exact) + self._film_rounding(cosine, exact)
-            for number, error in enumerate(errors):
-                # What is nearer to 1 than float64 can tell is anywhere between.
-                high = low = exact
-                for shift in (-1.0, 1.0):
-                    beside = self.lobe.reflectance(np.clip(cosine + shift * error, 0.0, 1.0))
-                    high, low = np.maximum(high, beside), np.minimum(low, beside)
-                if steep is not None:
-                    # Under a film such a curve is not monotonous on the way to 1.
-                    at, lobe = steep
-                    between = [
-                        lobe.reflectance(np.clip(cosine[at] + shift * error, 0.0, 1.0)) for shift in _BETWEEN
-                    ]
-                    high[at] = np.max([high[at], *between], axis=0)
-                    low[at] = np.min([low[at], *between], axis=0)
-                most[number] = np.maximum(most[number], high - low + of_roots)
-        return [np.where(self._jumps, 1.0, each) for each in most]
-
-    def _bare(self, at: NDArray[np.bool_], **changed: Array) -> Lobe:
-        """What has the lobe's reflectance at some of the points, `(n,)`; changed: inputs with other values there."""
-
-        def values(name: str, *components: int) -> Array:
-            if name in changed:
-                return changed[name]
-            return np.broadcast_to(as_float32(self.values[name]), (*at.shape, *components))[at]
-
-        film: dict[str, Any] = {
-            "thinfilm_thickness": np.maximum(values("thinfilm_thickness"), 0.0),
-            "thinfilm_ior": values("thinfilm_ior"),
-        }
-        if self.node.endswith("conductor_bsdf"):
-            return Conductor(values("ior", 3), values("extinction", 3), 1.0, **film)
-        if self.node.endswith("dielectric_bsdf"):
-            return Dielectric(values("ior"), 1.0, **film)
-        color0, color82, color90 = (
-            np.maximum(values(name, 3), 0.0) for name in ("color0", "color82", "color90")
-        )
-        return GeneralizedSchlick(color0, color82, color90, values("exponent"), 1.0, **film)
-
-    def _steep(self, shape: tuple[int, ...]) -> tuple[NDArray[np.bool_], Lobe] | None:
-        """Where a Schlick curve has an exponent below 1, and what has its reflectance there."""
-        if not self.node.endswith("schlick_bsdf"):
-            return None
-        at = np.broadcast_to(as_float32(self.values["exponent"]), shape) < 1.0
-        return (at, self._bare(at)) if at.any() else None
-
-    def _film_rounding(self, cosine: Array, exact: Array) -> Array | float:
-        """What rounding makes of the cosine in a film that is hardly denser than air, near grazing angles, `(n, 3)`.
-
-        Its square, 1 - sin² / index², is off by 8 units, as that of another index by 4 is. Arguments as of
-        `_root_rounding`.
-        """
-        thickness, film = (
-            np.broadcast_to(as_float32(self.values[name]), cosine.shape)
-            for name in ("thinfilm_thickness", "thinfilm_ior")
-        )
-        film = np.maximum(film, 1.0)
-        at = (thickness > 0) & (film**2 - (1.0 - cosine**2) < NEAR_TOTAL)
-        change: Array = np.zeros(exact.shape)
-        if at.any():
-            others = (np.maximum(film[at] * (1.0 + 4 * sign * UNIT), 1.0) for sign in (1.0, -1.0))
-            reflected = (self._bare(at, thinfilm_ior=each).reflectance(cosine[at]) for each in others)
-            change[at] = np.maximum(*(np.abs(each - exact[at]) for each in reflected))
-        return change
-
-    def _root_rounding(self, cosine: Array, exact: Array) -> Array | float:
-        """What rounding makes of the root of t = n² - k² - sin² near the angle of total reflection, `(n, 3)`.
-
-        t is a difference of numbers near 1, off by 2 units (2^-24) of these, which is another index. Below a film its
-        index is a quotient, 3 units of a square, and the square of its cosine is off by 8 of the film's. And where a
-        metal that hardly absorbs reflects all, MaterialX takes the root of half of sqrt(t² + 4 n² k²) - |t|: of the
-        first term, rounded by 4 units, no more is left than of another extinction.
-        What a film shows in one channel is made of all three. cosine: `(n,)`; exact: the reflectance there.
-        """
-        is_metal = self.node.endswith("conductor_bsdf")
-        if not is_metal and not self.node.endswith("dielectric_bsdf"):
-            return 0.0
-        n = np.atleast_1d(as_float32(self.values["ior"]))
-        n = np.broadcast_to(n if is_metal else n[..., None], exact.shape)
-        k = np.broadcast_to(as_float32(self.values["extinction"]) if is_metal else 0.0, exact.shape)
-        t = n**2 - k**2 - (1.0 - cosine**2)[..., None]
-        near, faint = np.abs(t) < NEAR_TOTAL, (n < 1.0) & (k < FAINT) & is_metal
-        at = (near | faint).any(-1)
-        change: Array = np.zeros(exact.shape)
-        if not at.any():
-            return change
-        n, k, t, near, faint, exact, cosine = (each[at] for each in (n, k, t, near, faint, exact, cosine))
-        thickness, film = (
-            np.broadcast_to(as_float32(self.values[name]), at.shape)[at][..., None]
-            for name in ("thinfilm_thickness", "thinfilm_ior")
-        )
-        units = np.where(thickness > 0, 3 * n**2 + 8 * np.maximum(film, 1.0) ** 2, 2 * np.maximum(n**2, 1.0))
-        of_index = np.where(near, UNIT * units, 0.0)
-        of_extinction = np.where(faint, 2 * UNIT * np.hypot(t, 2 * n * k) * np.abs(t) / n**2, 0.0)
-
-        def moved(**changed: Array) -> Array:
-            return np.abs(self._bare(at, **changed).reflectance(cosine) - exact)
-
-        # Of a metal the channels are rounded apart.
-        for channel in np.eye(3) if is_metal else np.ones((1, 3)):
-            if near.any():
-                squares = (n**2 + sign * of_index * channel for sign in (1.0, -1.0))
-                indices = (np.sqrt(np.maximum(each, 0.25 * n**2)) for each in squares)
-                change[at] += np.maximum(*(moved(ior=each if is_metal else each[..., 0]) for each in indices))
-            if faint.any():
-                squares = (k**2 + sign * of_extinction * channel for sign in (1.0, -1.0))
-                change[at] += np.maximum(
-                    *(moved(extinction=np.sqrt(np.maximum(each, 0.0))) for each in squares)
-                )
-        return change
+        retro = np.clip(as_float32(self.values["retroreflectivity"]), 0.0, 1.0)
+        for share, sign in ((1.0 - retro, 1.0), (retro, -1.0)):
+            at = (light[..., 2] > 0.0) & (share > 0.0)
+            if not at.any():
+                continue
+            cosine = np.sqrt(np.clip(0.5 * (1.0 + sign * across[at] + along[at]), 0.0, 1.0))
+            for change, found in zip(changes, self._reflected.at(at).changes(cosine, errors), strict=True):
+                change[at] = np.maximum(change[at], found)
+        return [np.where(self._jumps, 1.0, each) for each in changes]
 
     def _albedo_error(self, view: Array, light: Array) -> Array | float:
         """Of what an energy-compensated Oren-Nayar puts back: a product of what two albedos lack of 1, and these are
@@ -884,15 +783,6 @@ class _Judged(_Response):
 ANYTHING = 1e30
 """A bound that is none."""
 
-_BETWEEN = (-1e-2, -1e-4, -1e-8)
-"""Shares of an error at which a curve that is not monotonous is asked too."""
-
-FAINT = 0.05
-"""Extinction from which on rounding is no part of it."""
-
-NEAR_TOTAL = 0.1
-"""n² - sin² from which on its rounding is less than what is allowed a Fresnel factor anyway: half of 2^-23 over it."""
-
 ARC_COSINE = 4096 * 2 * UNIT
 """Relative error of an arc cosine: what Vulkan asks of the arc tangent that it may be made of."""
 
@@ -904,22 +794,6 @@ def _lost_albedo(cosine: Array, roughness: Array) -> tuple[Array, Array]:
     geometry = sine * ARC_COSINE * np.arccos(cosine) + 2.0 / 3.0 * 2 * UNIT * sine / cosine
     wrong = roughness / (1.0 + diffuse.C1 * roughness) * geometry / np.pi + 2 * UNIT
     return np.maximum(1.0 - diffuse.fujii_albedo(cosine, roughness), 0.0), wrong
-
-
-def _phase_jumps(node: str, values: Mapping[str, Any]) -> NDArray[np.bool_]:
-    """Where rounding decides whether the index that a Schlick curve stands for is below its film's, `(n, 1)`: the
-    phase of what it reflects is half a turn further then, and its Fresnel factor another one.
-    """
-    if not node.endswith("schlick_bsdf"):
-        return np.zeros(1, bool)
-    film = np.maximum(as_float32(values["thinfilm_ior"]), 1.0)[..., None]
-    root = np.sqrt(np.clip(as_float32(values["color0"]), 0.01, 0.99))
-    index = (1.0 + root) / (1.0 - root)
-    # The index has six roundings, of which two are of 1 - sqrt(F0) at most 0.995.
-    covered = as_float32(values["thinfilm_thickness"])[..., None] > 0
-    jumps: NDArray[np.bool_] = covered & (np.abs(index - film) <= 16 * UNIT * index**2)
-    # What a film shows in one channel is made of all three.
-    return np.asarray(jumps.any(-1, keepdims=True))
 
 
 class _Surrounded(_Response):
@@ -946,7 +820,7 @@ def _around(lobe: _Response, view: Array, environment: Environment) -> Estimate:
     if not np.any(as_float32(lobe.values["roughness"])):
         mean = as_float32(lobe.values["color"]) * irradiance(environment, lobe.frame[:, 2])
         return Estimate(mean * weight, np.zeros_like(mean))
-    found = reflected_radiance(_Rough(lobe), view, lobe.frame, environment, 256)
+    found = reflected_radiance(_Rough(lobe), view, lobe.frame, environment, SAMPLES)
     return Estimate(found.mean * weight, found.standard_error * weight)
 
 

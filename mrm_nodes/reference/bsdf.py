@@ -186,8 +186,17 @@ class Lobe:
         return np.ones((2, 2))
 
     def _fit_pair(self) -> tuple[str, str]:
-        name = {surface.GGX: "ggx", surface.PHONG: "phong"}.get(self._distribution, "beckmann")
-        return name, "vcavity" if self._masking == surface.VCAVITY else "smith"
+        """Of what MaterialX's nodes can be: other maskings have Smith's fit."""
+        fitted = {
+            surface.GGX: "ggx",
+            surface.BECKMANN: "beckmann",
+            surface.BECKMANN_RATIONAL: "beckmann",
+            surface.PHONG: "phong",
+        }
+        if self._distribution not in fitted:
+            name = name_of(self._distribution, DISTRIBUTIONS)
+            raise NotImplementedError(f"{name}: there is no fit of its albedo")
+        return fitted[self._distribution], "vcavity" if self._masking == surface.VCAVITY else "smith"
 
     def _run(
         self, kernel: Kernel, v: Array, second: Array, components: Sequence[int], *tables: Array
@@ -198,6 +207,13 @@ class Lobe:
         except ValueError as error:
             shapes = f"v {v.shape}, l or u {second.shape}, parameters {self._shape}"
             raise ValueError(f"shapes do not broadcast: {shapes} ({error})") from None
+        except NotImplementedError as error:
+            names = [
+                name_of(self._distribution, DISTRIBUTIONS),
+                name_of(self._masking, MASKINGS),
+                name_of(self._correlation, CORRELATIONS),
+            ]
+            raise NotImplementedError(f"{', '.join(names)}: there is no {error}") from None
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         """The scattering function f(v, l) in 1/sr, without the cosine: shape (..., 3).

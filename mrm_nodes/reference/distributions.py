@@ -27,7 +27,6 @@ from .checks import (
 )
 from .compiled import Array, Kernel, formula, run
 from .sampling import sample_visible_smith, sample_visible_vcavity
-from .single import projected_area
 
 # What `_answer` is asked.
 _D, _LAMBDA, _G1, _G2, _SAMPLE, _PDF = range(6)
@@ -47,7 +46,9 @@ def normal_density(
     norm = surface.slope_norm_squared(x, y, z, ax, ay, rxy, mx, my)
     if distribution == surface.GGX:
         return surface.ggx_skewed_normals(z, norm, squared, ax, ay, rxy)
-    return surface.beckmann_normals(z, norm, squared, ax, ay, rxy)
+    if distribution == surface.BECKMANN or distribution == surface.BECKMANN_RATIONAL:
+        return surface.beckmann_normals(z, norm, squared, ax, ay, rxy)
+    raise NotImplementedError("D of this distribution")
 
 
 @formula
@@ -59,7 +60,7 @@ def _smith_lambda(
     if cosine <= 0.0:
         return math.inf
     squared = surface.stretched_sine_squared(x, y, ax, ay, rxy)
-    return projected_area(distribution, cosine, squared) / cosine - 1.0
+    return surface.projected_area(distribution, cosine, squared) / cosine - 1.0
 
 
 @formula
@@ -77,7 +78,9 @@ def _masking(
         return wz
     if masking == surface.KELEMEN:
         return wz / wm
-    return wz / surface.schlick_smith_area(wz, sine)
+    if masking == surface.SCHLICK_SMITH:
+        return wz / surface.schlick_smith_area(wz, sine)
+    raise NotImplementedError("G1 of this masking")
 
 
 def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
@@ -104,10 +107,11 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
                 )
             out[3 * i], out[3 * i + 1], out[3 * i + 2] = x, y, z
             continue
-        lambda_v = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y)
         if question == _LAMBDA:
-            out[i] = lambda_v
+            out[i] = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y)
             continue
+        by_smith = masking == surface.SMITH
+        lambda_v = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y) if by_smith else 0.0
         vm = vx * mx + vy * my + vz * mz
         sine_v = math.sqrt(surface.stretched_sine_squared(vx, vy, ax, ay, rxy))
         g1_v = _masking(masking, lambda_v, vx, vy, vz, mz, vm, sine_v)
@@ -124,7 +128,11 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
         across = lz < 0.0
         turn = -1.0 if across else 1.0
         lm = turn * (lx * mx + ly * my + lz * mz)
-        lambda_l = _smith_lambda(distribution, turn * lx, turn * ly, turn * lz, ax, ay, rxy, mean_x, mean_y)
+        lambda_l = 0.0
+        if by_smith:
+            lambda_l = _smith_lambda(
+                distribution, turn * lx, turn * ly, turn * lz, ax, ay, rxy, mean_x, mean_y
+            )
         sine_l = math.sqrt(surface.stretched_sine_squared(lx, ly, ax, ay, rxy))
         g1_l = _masking(masking, lambda_l, turn * lx, turn * ly, turn * lz, mz, lm, sine_l)
         out[i] = 0.0
@@ -132,26 +140,11 @@ def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
             continue
         if masking == surface.VCAVITY:
             out[i] = max(0.0, g1_v + g1_l - 1.0) if across else min(g1_v, g1_l)
-        elif masking != surface.SMITH:
-            out[i] = g1_v * g1_l
-        elif across:
-            out[i] = (
-                surface.beta_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
-                if correlation == surface.HEIGHT or correlation == surface.HEIGHT_DIRECTION
-                else g1_v * g1_l
-            )
-        elif correlation == surface.HEIGHT:
-            out[i] = surface.height_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l)
-        elif correlation == surface.SEPARABLE:
+        elif not by_smith:
             out[i] = g1_v * g1_l
         else:
-            decorrelation = surface.ginneken(vx, vy, lx, ly)
-            if correlation == surface.DIRECTION:
-                out[i] = surface.direction_visibility(1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation)
-            else:
-                out[i] = surface.height_direction_visibility(
-                    1.0, 1.0, 1.0 + lambda_v, 1.0 + lambda_l, decorrelation
-                )
+            a, b = 1.0 + lambda_v, 1.0 + lambda_l
+            out[i] = surface.smith_visibility(correlation, across, 1.0, 1.0, a, b, vx, vy, lx, ly)
     return 0
 
 
@@ -234,6 +227,8 @@ class Distribution:
             (result,), _ = run(_ANSWER, [*arrays, self._alpha, self._rxy, self._mean], modes, [components])
         except ValueError as error:
             raise ValueError(f"shapes do not broadcast: {error}") from None
+        except NotImplementedError as error:
+            raise NotImplementedError(f"{type(self).__name__}: there is no {error}") from None
         return result if components > 1 else result[..., 0]
 
     def quadrature(self, resolution: int = 64) -> tuple[Array, Array]:

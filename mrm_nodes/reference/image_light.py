@@ -402,7 +402,9 @@ def _smith(x: float, y: float, z: float, ax: float, ay: float, distribution: int
     squared = surface.stretched_sine_squared(x, y, ax, ay, 0.0)
     if distribution == surface.BECKMANN:
         return 2.0 * surface.beckmann_projected_area(z, math.sqrt(squared)) / z - 1.0
-    return math.sqrt(z * z + squared) / z
+    if distribution == surface.GGX:
+        return math.sqrt(z * z + squared) / z
+    raise NotImplementedError("masking of this distribution")
 
 
 @formula
@@ -413,7 +415,9 @@ def _normals(x: float, y: float, z: float, ax: float, ay: float, distribution: i
     if distribution == surface.BECKMANN:
         norm = surface.slope_norm_squared(x, y, z, ax, ay, 0.0, 0.0, 0.0)
         return surface.beckmann_normals(z, norm, 1.0, ax, ay, 0.0)
-    return surface.phong_normals(x, y, z, 1.0, ax, ay)
+    if distribution == surface.PHONG:
+        return surface.phong_normals(x, y, z, 1.0, ax, ay)
+    raise NotImplementedError("D of this distribution")
 
 
 def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
@@ -433,8 +437,8 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
         widest = max(ax, ay)
         exponent, film, film_index = exponents[i, 0], films[i, 0], film_indices[i, 0]
         stretched = math.sqrt(ax * ax * vx * vx + ay * ay * vy * vy + vz * vz)
-        masked_v = _smith(vx, vy, vz, ax, ay, distribution)
         drawn_v = _smith(vx, vy, vz, ax, ay, surface.GGX)
+        masked_v = drawn_v if masking == surface.VCAVITY else _smith(vx, vy, vz, ax, ay, distribution)
         g1 = 2.0 / (1.0 + drawn_v)
         # The view in the configuration where alpha is 1 ([Cap] section 3).
         ux, uy, uz = ax * vx / stretched, ay * vy / stretched, vz / stretched

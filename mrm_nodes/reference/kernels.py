@@ -81,6 +81,7 @@ from .sampling import sample_normal, sample_visible_smith
 from .single import draw_one, scattered
 
 INPUTS = 14
+SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 
 
 @inlined
@@ -392,6 +393,8 @@ def weigh(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: A
     for i in range(start, stop):
         delta = drawn[i, 3] > 0.0
         kept = drawn[i, 4] if delta else (densities[i, 0] if drawn[i, 4] > 0.0 else 0.0)
+        # Below float64's normal numbers a density has lost its digits, and one over it is infinite: rejected.
+        kept = kept if kept >= SMALLEST_NORMAL else 0.0
         density[i] = kept
         scale = abs(drawn[i, 2]) / kept if kept > 0.0 else 0.0
         for c in range(3):

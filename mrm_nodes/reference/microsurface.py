@@ -140,6 +140,18 @@ def beckmann_rational_projected_area(cosine: float, sine: float) -> float:
 
 
 @formula
+def projected_area(distribution: int, cosine: float, sine_squared: float) -> float:
+    """cos θ (1 + Λ) of the named distribution, from the stretched sine²."""
+    if distribution == GGX:
+        return ggx_projected_area(cosine, sine_squared)
+    if distribution == BECKMANN:
+        return beckmann_projected_area(cosine, math.sqrt(sine_squared))
+    if distribution == BECKMANN_RATIONAL:
+        return beckmann_rational_projected_area(cosine, math.sqrt(sine_squared))
+    raise NotImplementedError("a projected area of this distribution")
+
+
+@formula
 def schlick_smith_area(cosine: float, sine: float) -> float:
     """cos θ / G1 of Schlick's rational masking (Schlick 1994, eq. 19): k is sqrt(2/π) times the RMS slope."""
     k = sine / math.sqrt(max(1.0 - cosine * cosine, 1e-300)) / SQRT_PI
@@ -201,3 +213,33 @@ def beta_visibility(cv: float, cl: float, area_v: float, area_l: float) -> float
     a = area_v / cv
     b = area_l / cl
     return math.exp(math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)) / (cv * cl)
+
+
+@formula
+def smith_visibility(
+    correlation: int,
+    across: bool,
+    cv: float,
+    cl: float,
+    area_v: float,
+    area_l: float,
+    vx: float,
+    vy: float,
+    lx: float,
+    ly: float,
+) -> float:
+    """G2 / (cos v cos l) of Smith's masking (eqs. 98 to 101), `across` where v and l are on opposite sides.
+
+    cv, cl, area_v, area_l: of v and of l, or of -l. vx to ly: of the directions themselves.
+    """
+    if across and (correlation in (HEIGHT, HEIGHT_DIRECTION)):
+        return beta_visibility(cv, cl, area_v, area_l)
+    if correlation == SEPARABLE or (across and correlation == DIRECTION):
+        return separable_visibility(area_v, area_l)
+    if correlation == HEIGHT:
+        return height_visibility(cv, cl, area_v, area_l)
+    if correlation == DIRECTION:
+        return direction_visibility(cv, cl, area_v, area_l, ginneken(vx, vy, lx, ly))
+    if correlation == HEIGHT_DIRECTION:
+        return height_direction_visibility(cv, cl, area_v, area_l, ginneken(vx, vy, lx, ly))
+    raise NotImplementedError("masking of this correlation")

@@ -257,12 +257,14 @@ def normals(s: Array, modes: Any) -> None:
             s[D + i] = surface.ggx_skewed_normals(
                 s[HZ + i], norm, s[HH + i], s[AX + i], s[AY + i], s[RXY + i]
             )
-    else:
+    elif distribution == surface.BECKMANN or distribution == surface.BECKMANN_RATIONAL:
         for i in range(BLOCK):
             norm = surface.slope_norm_squared(
                 s[HX + i], s[HY + i], s[HZ + i], s[AX + i], s[AY + i], s[RXY + i], s[MX + i], s[MY + i]
             )
             s[D + i] = surface.beckmann_normals(s[HZ + i], norm, s[HH + i], s[AX + i], s[AY + i], s[RXY + i])
+    else:
+        raise NotImplementedError("D of this distribution")
 
 
 @formula
@@ -291,10 +293,12 @@ def areas(s: Array, modes: Any) -> None:
         for i in range(BLOCK):
             s[AREA_V + i] = surface.beckmann_rational_projected_area(s[CV + i], math.sqrt(s[SINE_V + i]))
             s[AREA_L + i] = surface.beckmann_rational_projected_area(s[CL + i], math.sqrt(s[SINE_L + i]))
-    else:
+    elif distribution == surface.GGX:
         for i in range(BLOCK):
             s[AREA_V + i] = surface.ggx_projected_area(s[CV + i], s[SINE_V + i])
             s[AREA_L + i] = surface.ggx_projected_area(s[CL + i], s[SINE_L + i])
+    else:
+        raise NotImplementedError("a projected area of this distribution")
 
 
 @formula
@@ -335,6 +339,8 @@ def visibility(s: Array, modes: Any) -> None:
             v = surface.schlick_smith_area(s[EZ + i], math.sqrt(s[SINE_V + i]))
             l = surface.schlick_smith_area(s[GZ + i], math.sqrt(s[SINE_L + i]))  # noqa: E741
             s[VISIBLE + i] = 1.0 / (v * l)
+    elif masking != surface.SMITH:
+        raise NotImplementedError("G2 of this masking")
     elif correlation == surface.HEIGHT:
         for i in range(BLOCK):
             s[VISIBLE + i] = surface.height_visibility(s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i])
@@ -347,12 +353,14 @@ def visibility(s: Array, modes: Any) -> None:
             s[VISIBLE + i] = surface.direction_visibility(
                 s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i], apart
             )
-    else:
+    elif correlation == surface.HEIGHT_DIRECTION:
         for i in range(BLOCK):
             apart = surface.ginneken(s[EX + i], s[EY + i], s[GX + i], s[GY + i])
             s[VISIBLE + i] = surface.height_direction_visibility(
                 s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i], apart
             )
+    else:
+        raise NotImplementedError("masking of this correlation")
     if modes[SKEWED] != 0 and masking == surface.SMITH:
         _off_the_normal(s)
 
@@ -375,9 +383,11 @@ def visibility_across(s: Array, modes: Any) -> None:
             s[VISIBLE + i] = (
                 surface.beta_visibility(s[CV + i], s[CL + i], s[AREA_V + i], s[AREA_L + i]) if across else 0.0
             )
-    else:
+    elif correlation == surface.SEPARABLE or correlation == surface.DIRECTION:
         for i in range(BLOCK):
             s[VISIBLE + i] = surface.separable_visibility(s[AREA_V + i], s[AREA_L + i])
+    else:
+        raise NotImplementedError("masking of this correlation")
     if modes[SKEWED] != 0:
         _off_the_normal(s)
 

@@ -41,21 +41,7 @@ def _log_gamma(x: Array) -> Array:
 _incomplete_beta: Any = numba.vectorize(incomplete_beta.py_func)  # type: ignore[no-untyped-call]
 
 
-def _joint(code: int, a: float, b: float, vx: float, vy: float, lx: float, ly: float, across: bool) -> float:
-    """G2 from a = 1 + Λ(v) and b = 1 + Λ(l) (Heitz eqs. 98 to 101), as the other distributions have it."""
-    if code == surface.SEPARABLE or (across and code == surface.DIRECTION):
-        return 1.0 / (a * b)
-    if across:
-        return float(surface.beta_visibility(1.0, 1.0, a, b))
-    if code == surface.HEIGHT:
-        return float(surface.height_visibility(1.0, 1.0, a, b))
-    decorrelation = surface.ginneken(vx, vy, lx, ly)
-    if code == surface.DIRECTION:
-        return float(surface.direction_visibility(1.0, 1.0, a, b, decorrelation))
-    return float(surface.height_direction_visibility(1.0, 1.0, a, b, decorrelation))
-
-
-_joints: Any = np.vectorize(_joint, otypes=[np.float64])
+_visibility: Any = np.vectorize(surface.smith_visibility, otypes=[np.float64])
 
 
 class Phong(Distribution):
@@ -109,7 +95,8 @@ class Phong(Distribution):
         first, second = self.G1(view, normal), self.G1(turned, normal)
         both = (first > 0.0) & (second > 0.0)
         one, other = 1.0 / np.where(both, first, 1.0), 1.0 / np.where(both, second, 1.0)
-        value = _joints(code, one, other, view[..., 0], view[..., 1], light[..., 0], light[..., 1], across)
+        azimuths = (view[..., 0], view[..., 1], light[..., 0], light[..., 1])
+        value = _visibility(code, across, 1.0, 1.0, one, other, *azimuths)
         return np.where(both, value, 0.0)
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:

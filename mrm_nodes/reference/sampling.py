@@ -3,7 +3,15 @@
 import math
 
 from .compiled import formula
-from .microsurface import GGX, PHONG, SQRT_PI, beckmann_projected_area, stretched_azimuth
+from .microsurface import (
+    BECKMANN,
+    BECKMANN_RATIONAL,
+    GGX,
+    PHONG,
+    SQRT_PI,
+    beckmann_projected_area,
+    stretched_azimuth,
+)
 
 
 @formula
@@ -105,7 +113,12 @@ def sample_normal(
         # tan² θ = u^(-2/power) - 1, without cancelling when the lobe is narrow.
         tangent = math.sqrt(math.expm1(-2.0 / power * math.log(1.0 - u1)))
         return cx * tangent, cy * tangent, 1.0
-    radius = math.sqrt(u1 / (1.0 - u1)) if distribution == GGX else math.sqrt(-math.log1p(-u1))
+    if distribution == GGX:
+        radius = math.sqrt(u1 / (1.0 - u1))
+    elif distribution in (BECKMANN, BECKMANN_RATIONAL):
+        radius = math.sqrt(-math.log1p(-u1))
+    else:
+        raise NotImplementedError("normals drawn from this distribution")
     return *stretch(radius * math.cos(phi), radius * math.sin(phi), ax, ay, correlation), 1.0
 
 
@@ -135,8 +148,10 @@ def sample_visible_smith(
     z = vz - mean_x * vx - mean_y * vy
     if distribution == GGX:
         sx, sy, sz = sample_visible_ggx(x, y, z, u0, u1)
-    else:
+    elif distribution in (BECKMANN, BECKMANN_RATIONAL):
         sx, sy, sz = sample_visible_beckmann(x, y, z, u0, u1)
+    else:
+        raise NotImplementedError("visible normals drawn from this distribution")
     mx, my = stretch(sx, sy, ax, ay, correlation)
     mx -= mean_x * sz
     my -= mean_y * sz

@@ -87,21 +87,11 @@ def reflectance_at(s: Array, i: int, cosine: float, side: float, kind: int) -> t
 
 
 @formula
-def projected_area(distribution: int, cosine: float, sine_squared: float) -> float:
-    """cos θ (1 + Λ) of the named distribution, from the stretched sine²."""
-    if distribution == surface.GGX:
-        return surface.ggx_projected_area(cosine, sine_squared)
-    if distribution == surface.BECKMANN:
-        return surface.beckmann_projected_area(cosine, math.sqrt(sine_squared))
-    return surface.beckmann_rational_projected_area(cosine, math.sqrt(sine_squared))
-
-
-@formula
 def _mesosurface(s: Array, i: int, x: float, y: float, z: float, distribution: int) -> tuple[float, float]:
     """The cosine of a direction with the mesosurface, and the area of all facets projected on it."""
     cosine = z - s[MX + i] * x - s[MY + i] * y
     squared = surface.stretched_sine_squared(x, y, s[AX + i], s[AY + i], s[RXY + i])
-    return cosine, projected_area(distribution, cosine, squared)
+    return cosine, surface.projected_area(distribution, cosine, squared)
 
 
 @formula
@@ -139,19 +129,10 @@ def shadowing_ratio(
         sine_v = math.sqrt(surface.stretched_sine_squared(ex, ey, s[AX + i], s[AY + i], s[RXY + i]))
         sine_l = math.sqrt(surface.stretched_sine_squared(gx, gy, s[AX + i], s[AY + i], s[RXY + i]))
         return area_v * cl / (surface.schlick_smith_area(cv, sine_v) * surface.schlick_smith_area(cl, sine_l))
+    if masking != surface.SMITH:
+        raise NotImplementedError("G2 of this masking")
     correlation = modes[CORRELATION]
-    if across:
-        if correlation == surface.HEIGHT or correlation == surface.HEIGHT_DIRECTION:
-            return area_v * cl * surface.beta_visibility(cv, cl, area_v, area_l)
-        return cl / area_l
-    if correlation == surface.HEIGHT:
-        return area_v * cl * surface.height_visibility(cv, cl, area_v, area_l)
-    if correlation == surface.SEPARABLE:
-        return cl / area_l
-    decorrelation = surface.ginneken(ex, ey, gx, gy)
-    if correlation == surface.DIRECTION:
-        return area_v * cl * surface.direction_visibility(cv, cl, area_v, area_l, decorrelation)
-    return area_v * cl * surface.height_direction_visibility(cv, cl, area_v, area_l, decorrelation)
+    return area_v * cl * surface.smith_visibility(correlation, across, cv, cl, area_v, area_l, ex, ey, gx, gy)
 
 
 @formula

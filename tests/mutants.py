@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases import cloud, image_case, material_case
+from mrm_nodes.regression.cases import cloud, material_case
 from mrm_nodes.regression.cases.builtin import MapLight
 from mrm_nodes.regression.cases.cloud import Cloud
 from mrm_nodes.regression.cases.workshop import Workshop
@@ -294,15 +294,13 @@ def _changed(shader: Shader, mutant: Mutant) -> Shader:
 
 
 _EXPENSIVE = (
-    (image_case, "reference_points"),
     (physics, "shade_tree"),
     (physics, "light_tree"),
 )
 """What a case computes from its geometry alone: the same for every mutant, and so computed once."""
 _UNSEEN = (
-    (image_case, "write_pictures", {}),
     (material_case, "write_pictures", {}),
-    (image_case, "source_of", ""),
+    (material_case, "source_of", ""),
 )
 
 

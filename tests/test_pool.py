@@ -3,6 +3,7 @@
 import multiprocessing
 import os
 from concurrent.futures import Future
+from dataclasses import replace
 from random import Random
 from types import SimpleNamespace
 
@@ -147,7 +148,7 @@ def test_handing_out_many_tasks_of_many_structures_looks_at_few_for_each():
 
 def test_more_points_and_lights_are_expected_to_take_longer():
     image = default_suite()[0]
-    larger = type(image)("larger", image.node, size=(256, 256))
+    larger = replace(image, name="larger", size=(256, 256))
     assert estimate(larger) == 4 * estimate(image)
     assert estimate(Cloud(image.node, configurations=10_000_000)) > estimate(larger)
 

@@ -15,8 +15,8 @@ from mrm_nodes import reference as ref
 from mrm_nodes.reference.compiled import run
 from mrm_nodes.reference.image_light import EXACT
 from mrm_nodes.reference.refracted_light import REFRACT, host_index, refracted_samples, transmitted_share
-from mrm_nodes.regression.cases.builtin import ImageCase, default_suite
-from mrm_nodes.regression.cases.material_case import EnvironmentMap
+from mrm_nodes.regression.cases.builtin import default_suite
+from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.regression.truth import material
 from mrm_nodes.regression.truth.closure import LobeNode
@@ -26,7 +26,7 @@ from mrm_nodes.regression.truth.physics import Points, shade_tree
 from mrm_nodes.regression.verdict.compare import compare
 from mrm_nodes.render import probe_backends
 from mrm_nodes.render.arithmetic import measure
-from mrm_nodes.render.environment import Environment, sky
+from mrm_nodes.render.environment import Environment, find_environment, sky
 from mrm_nodes.render.meshfile import load_mesh
 from mrm_nodes.render.renderer import RenderedImage, Renderer
 from mrm_nodes.shadergen import Shader, generate_shader
@@ -153,12 +153,13 @@ VALUES = {
 class Seen:
     """A case that transmits only, drawn by one shader after another beside its reference."""
 
-    def __init__(self, case: ImageCase, backend: str) -> None:
+    def __init__(self, case: MaterialCase, backend: str) -> None:
         self.case, self.renderer = case, Renderer(backend)
-        values = material.complete(case.node, {**case.inputs, "scatter_mode": "T"})
+        given = {name.removeprefix("bsdf/"): value for name, value in case.inputs.items()}
+        values = material.complete(case.node, {**given, "scatter_mode": "T"})
         self.uniforms = material.uniform_values(case.node, values)
         assert case.environment is not None
-        self.light = case.environment.load()
+        self.light = find_environment(case.environment.name, **dict(case.environment.options))
         document = material.document(case.node)
         self.shader = generate_shader(document, element=material.MATERIAL, environment=case.method)
         self.sound = self.draw(self.shader)

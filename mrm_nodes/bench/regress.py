@@ -24,11 +24,12 @@ import OpenImageIO as oiio
 from numpy.typing import NDArray
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases.builtin import AROUND, FRONT, ImageCase, default_suite
-from mrm_nodes.regression.cases.image_case import source_of
+from mrm_nodes.regression.cases.builtin import AROUND, FRONT, default_suite
+from mrm_nodes.regression.cases.material_case import MaterialCase, source_of
 from mrm_nodes.regression.run.cache import Cache
 from mrm_nodes.regression.run.pool import threads
 from mrm_nodes.regression.run.runner import run_suite
+from mrm_nodes.regression.truth.material import BSDF, Value
 from mrm_nodes.regression.verdict.compare import Bounds, compare
 from mrm_nodes.render.images import read_image, write_exr
 from mrm_nodes.render.mesh import Mesh, sphere
@@ -72,12 +73,12 @@ class TimedRun:
         return self.jobs * self.seconds / sum(self.stages.values()) - 1
 
 
-def suite() -> list[ImageCase]:
+def suite() -> list[MaterialCase]:
     """The default suite's cases in direct light."""
     return [case for case in default_suite() if case.environment is None]
 
 
-def cases(count: int) -> list[ImageCase]:
+def cases(count: int) -> list[MaterialCase]:
     """So many different cases: those of `suite` at 128 by 128, with other weights and alphas."""
     known = suite()
     rng = np.random.default_rng(0)
@@ -85,9 +86,9 @@ def cases(count: int) -> list[ImageCase]:
     for number in range(count):
         case = known[number % len(known)]
         alpha, weight = float(rng.uniform(0.05, 0.6)), float(rng.random())
-        inputs = {**case.inputs, "roughness": (alpha, alpha), "retroreflectivity": weight}
-        own = {name: value for name, value in inputs.items() if name not in case.patterns}
-        made.append(replace(case, name=f"{number}-{case.name}", inputs=own, size=(SIZE, SIZE)))
+        others: dict[str, Value] = {f"{BSDF}/roughness": (alpha, alpha), f"{BSDF}/retroreflectivity": weight}
+        inputs = {name: others.get(name, value) for name, value in case.inputs.items()}
+        made.append(replace(case, name=f"{number}-{case.name}", inputs=inputs, size=(SIZE, SIZE)))
     return made
 
 
@@ -97,12 +98,13 @@ def measure(
     """Run so many cases in a process of its own, each worker with one thread or with its share of the processors."""
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, context, max_tasks_per_child=1) as fresh:
-        return fresh.submit(_measure, count, jobs, all_threads, backend, cache).result()
+        return fresh.submit(_measure, cases(count), jobs, all_threads, backend, cache).result()
 
 
-def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path | None) -> TimedRun:
+def _measure(
+    tasks: list[MaterialCase], jobs: int, all_threads: bool, backend: str, cache: Path | None
+) -> TimedRun:
     os.environ.update(threads(jobs) if all_threads else ONE_THREAD)
-    tasks = cases(count)
     with tempfile.TemporaryDirectory() as folder:
         start, cpu, children = time.perf_counter(), time.process_time(), _children()
         report = run_suite(
@@ -120,7 +122,7 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
         for stage in ("generate", "compile", "render", "reference", "compare")
     }
     return TimedRun(
-        count,
+        len(tasks),
         jobs,
         all_threads,
         # From the cache nothing is left for the workers.
@@ -128,8 +130,7 @@ def _measure(count: int, jobs: int, all_threads: bool, backend: str, cache: Path
         whole,
         time.process_time() - cpu + _children() - children,
         stages,
-        len({case.structure for case in tasks})
-        + len({(case.structure, name) for case in tasks for name in case.patterns}),
+        len({case.material for case in tasks}),
         cached,
         _peak(resource.RUSAGE_SELF),
         _peak(resource.RUSAGE_CHILDREN),
@@ -170,6 +171,8 @@ def beside_materialx(count: int = 24, rounds: int = 3, backend: str = "auto") ->
     if shutil.which("xvfb-run") is None:
         raise MrmError("MaterialX's own renderer needs a display: apt-get install xvfb xauth libgl1 libxt6")
     chosen = [replace(case, mesh="sphere", camera=FRONT, lights=AROUND) for case in _plain(count)]
+    # Another shader than any of theirs.
+    warm = next(case for case in suite() if "-over-diffuse" in case.material)
     result = BesideMaterialX(count, [], [], [])
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -178,15 +181,15 @@ def beside_materialx(count: int = 24, rounds: int = 3, backend: str = "auto") ->
         write_obj(sphere(), folder / "sphere.obj")
         for _ in range(rounds):
             result.theirs.append(_draw_with_materialx(folder))
-            measured = _fresh(_run_here, chosen, backend)
+            measured = _fresh(_run_here, chosen, warm, backend)
             result.judged.append(measured[0])
             result.drawn.append(measured[1])
     return result
 
 
-def _plain(count: int) -> list[ImageCase]:
+def _plain(count: int) -> list[MaterialCase]:
     """Cases whose inputs are all values."""
-    return [case for case in cases(4 * count) if not case.patterns and case.base is None][:count]
+    return [case for case in cases(4 * count) if "-" not in case.material][:count]
 
 
 def _fresh(function: Callable[..., Any], *arguments: Any) -> Any:
@@ -194,7 +197,7 @@ def _fresh(function: Callable[..., Any], *arguments: Any) -> Any:
         return fresh.submit(function, *arguments).result()
 
 
-def _run_here(chosen: Sequence[ImageCase], backend: str) -> tuple[float, float]:
+def _run_here(chosen: Sequence[MaterialCase], warm: MaterialCase, backend: str) -> tuple[float, float]:
     """Seconds of all cases, and those of them until the pixels are there."""
     os.environ.update(ONE_THREAD)
     from mrm_nodes.regression.run.worker import Worker
@@ -202,7 +205,7 @@ def _run_here(chosen: Sequence[ImageCase], backend: str) -> tuple[float, float]:
 
     worker = Worker(get_context(backend).backend)
     with tempfile.TemporaryDirectory() as folder:
-        worker.run(replace(chosen[0], name="warm", size=(8, 8), base=(0.1, 0.1, 0.1)), Path(folder))
+        worker.run(replace(warm, name="warm", size=(8, 8)), Path(folder))
         start = time.perf_counter()
         outcomes = [worker.run(case, Path(folder)) for case in chosen]
         seconds = time.perf_counter() - start

@@ -1,16 +1,28 @@
-"""The default suite: image cases, as data."""
+"""The default suite: materials of one node, as data.
+
+Their documents are small and always the same; they are written when a suite asks for its cases.
+"""
 
 from __future__ import annotations
 
+import atexit
+import functools
 import itertools
 import math
+import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any
 
-from mrm_nodes.regression.truth.material import NODES, Value
-from mrm_nodes.render.environment import BUILT_IN_ENVIRONMENTS, Environment
+import MaterialX as mx
+
+from mrm_nodes.files import write_text
+from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase, Method
+from mrm_nodes.regression.truth.closure import DIFFUSE_NODE
+from mrm_nodes.regression.truth.material import BSDF, NODES, Value, document
+from mrm_nodes.render.environment import Environment, find_environment
 from mrm_nodes.render.scene import (
     Camera,
     CameraLight,
@@ -45,6 +57,8 @@ MATERIAL: dict[str, dict[str, Value]] = {
     },
 }
 """What each node is made of where a case does not say otherwise."""
+BASE = (0.8, 0.2, 0.1)
+"""Colour of the diffuse base that some lie over."""
 
 FRONT = Camera(position=(0.0, 0.0, 3.0), fov=42.0)
 ABOVE = Framing(direction=(0.4, 0.5, 1.0), fov=30.0)
@@ -67,91 +81,20 @@ class MapLight:
     """Directions for each lobe, where the host samples."""
     filtered: bool = True
     """Whether samples read the mip level of their solid angle."""
-    method: Literal["fis", "prefilter"] = "fis"
+    method: Method = "fis"
     """How the host evaluates its light: by samples, or by one look-up at a level for alpha."""
+
+    @property
+    def options(self) -> tuple[tuple[str, float], ...]:
+        """Those of `find_environment`."""
+        return (("rotation", self.rotation), ("samples", self.samples), ("filtered", self.filtered))
 
     def load(self) -> Environment:
         """The map and its use, as the renderer takes them."""
-        built_in = BUILT_IN_ENVIRONMENTS[self.map]()
-        return replace(built_in, rotation=self.rotation, samples=self.samples, filtered=self.filtered)
+        return find_environment(self.map, **dict(self.options))
 
 
-@dataclass(frozen=True)
-class ImageCase:
-    """One image to render and compare.
-
-    Cases whose `structure` is equal differ in uniform values only and share one shader.
-    """
-
-    name: str
-    node: str
-    inputs: Mapping[str, Value] = field(default_factory=dict)
-    """Values that differ from the node's defaults."""
-    patterns: Mapping[str, str] = field(default_factory=dict)
-    """By input, the graph of patterns.mtlx that drives it."""
-    base: tuple[float, float, float] | None = None
-    """Colour of a diffuse base under the node, or none."""
-    mesh: str = "sphere"
-    """A built-in mesh, or `floor`: the plane that faces +y, the pole of every map."""
-    camera: Camera | Framing = FRONT
-    lights: tuple[Light, ...] = AROUND
-    environment: MapLight | None = None
-    """Image light, beside the lights."""
-    mirrored: bool = False
-    """Whether it is compared with the other lobe in the map turned by half a turn, in place of the evaluator:
-    [MRM] eq. 3, for a mesh whose normals are all +y."""
-    size: tuple[int, int] = (128, 128)
-    """Width and height."""
-    target: str = "glsl"
-    layering: Literal["materialx", "exact"] = "materialx"
-    """As that of a `MaterialCase`, where there is a base."""
-
-    @property
-    def kind(self) -> str:
-        """Images are judged as such."""
-        return "image"
-
-    @property
-    def method(self) -> Literal["fis", "prefilter"]:
-        """How its shader evaluates image light."""
-        return "fis" if self.environment is None else self.environment.method
-
-    @property
-    def structure(self) -> tuple[Any, ...]:
-        """What makes this case's shader another one."""
-        return (
-            self.target,
-            self.node,
-            tuple(sorted(self.patterns.items())),
-            self.base is not None,
-            self.method,
-        )
-
-    def describe(self) -> dict[str, Any]:
-        """What it is, for the report."""
-        return {
-            "inputs": dict(self.inputs),
-            "patterns": dict(self.patterns),
-            "base": self.base,
-            "mesh": self.mesh,
-            "mirrored": self.mirrored,
-            "camera": repr(self.camera),
-            "lights": [repr(light) for light in self.lights],
-            "environment": None if self.environment is None else repr(self.environment),
-            "size": list(self.size),
-            **({} if self.layering == "materialx" else {"layering": self.layering}),
-        }
-
-    def files(self) -> tuple[Path, ...]:
-        """None of the user's."""
-        return ()
-
-    def moved(self, root: Path) -> Self:
-        """Itself: it has no files."""
-        return self
-
-
-def default_suite() -> list[ImageCase]:
+def default_suite() -> list[MaterialCase]:
     """The image cases that prove the three nodes, each with a name of its own."""
     return [
         *_grid(),
@@ -182,19 +125,60 @@ def _case(
     what: str,
     inputs: Mapping[str, Value],
     alpha: tuple[float, float] = (0.25, 0.25),
+    patterns: tuple[tuple[str, str], ...] = (),
+    over_diffuse: bool = False,
     **others: Any,
-) -> ImageCase:
+) -> MaterialCase:
+    """A case of one node, over a diffuse base or alone; patterns: inputs and the graphs that drive them."""
+    root = own_folder()
     values = {**MATERIAL[node], "roughness": alpha, **inputs}
-    return ImageCase(name=f"{_short(node)}-{what}", node=node, inputs=values, **others)
+    name = _document(root, node, patterns, over_diffuse)
+    common: dict[str, Any] = {
+        "camera": FRONT,
+        "lights": AROUND,
+        "size": (128, 128),
+        "truth": "physics",
+        "reason": "the evaluator knows all of its lobes",
+        **others,
+    }
+    return MaterialCase(
+        name=f"{_short(node)}-{what}",
+        root=root,
+        material=name,
+        element=node,
+        inputs={f"{BSDF}/{each}": value for each, value in values.items() if each not in dict(patterns)},
+        depends=(name,),
+        **common,
+    )
 
 
-def _grid() -> Iterator[ImageCase]:
+@functools.cache
+def own_folder() -> Path:
+    """Where the documents of our own cases are written; this process removes it at its end."""
+    folder = Path(tempfile.mkdtemp(prefix="mrm-suite-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder
+
+
+@functools.cache
+def _document(root: Path, node: str, patterns: tuple[tuple[str, str], ...], over_diffuse: bool) -> str:
+    """Write a material, named as its node, once; return its file's name."""
+    driven = "".join(f"-{pattern}-on-{name}" for name, pattern in patterns)
+    file = f"{_short(node)}{driven}{'-over-diffuse' * over_diffuse}.mtlx"
+    made = document(node, dict(patterns), base=DIFFUSE_NODE if over_diffuse else None, called=node)
+    if over_diffuse:
+        made.getNode("base").setInputValue("color", mx.Color3(*BASE))
+    write_text(root / file, str(mx.writeToXmlString(made)))
+    return file
+
+
+def _grid() -> Iterator[MaterialCase]:
     """Every node at every width and weight: GGX with Smith."""
     for node, alpha, weight in itertools.product(NODES, ALPHAS, WEIGHTS):
         yield _case(node, f"ggx-smith-{_width(alpha)}-retro{weight:g}", {"retroreflectivity": weight}, alpha)
 
 
-def _pairs() -> Iterator[ImageCase]:
+def _pairs() -> Iterator[MaterialCase]:
     """The other pairs of distribution and masking, both lobes at once."""
     for node, (distribution, masking), alpha in itertools.product(
         NODES, OTHER_PAIRS, (ALPHAS[1], ALPHAS[2], ALPHAS[4])
@@ -207,7 +191,7 @@ def _pairs() -> Iterator[ImageCase]:
         yield _case(node, f"{distribution}-{masking}-{_width(alpha)}-retro0.5", values, alpha)
 
 
-def _figure_5() -> Iterator[ImageCase]:
+def _figure_5() -> Iterator[MaterialCase]:
     """Figure 5 of the paper: one fixed light, the camera 0, 45 and 90 degrees from it, forward and retro."""
     light = DirectionalLight(direction=(0.0, -0.3, -1.0), intensity=3.0)
     _, y, z = (-c for c in light.direction)
@@ -226,36 +210,35 @@ def _figure_5() -> Iterator[ImageCase]:
         )
 
 
-def _exact_retro() -> Iterator[ImageCase]:
+def _exact_retro() -> Iterator[MaterialCase]:
     """The light at the camera: the back-vector is the normal at every pixel."""
     for node, alpha in itertools.product(NODES, (ALPHAS[0], ALPHAS[4])):
         values = {"retroreflectivity": 1.0}
         yield _case(node, f"camera-light-{_width(alpha)}-retro1", values, alpha, lights=(CameraLight(),))
 
 
-def _patterns() -> Iterator[ImageCase]:
+def _patterns() -> Iterator[MaterialCase]:
     """Inputs that a graph drives from pixel to pixel."""
     for node in NODES:
-        stripes = {"retroreflectivity": "stripes"}
+        stripes = (("retroreflectivity", "stripes"),)
         yield _case(node, "stripes-on-retroreflectivity", {}, patterns=stripes, mesh="baluster", camera=ABOVE)
     conductor, dielectric, schlick = NODES
     half = {"retroreflectivity": 0.5}
-    yield _case(conductor, "noise-on-retroreflectivity", {}, patterns={"retroreflectivity": "noise"})
-    yield _case(conductor, "wear-on-roughness", half, patterns={"roughness": "wear"})
-    yield _case(dielectric, "checker-on-tint", half, patterns={"tint": "checker"})
-    yield _case(
-        schlick, "checker-on-color0", half, patterns={"color0": "checker", "retroreflectivity": "stripes"}
-    )
+    yield _case(conductor, "noise-on-retroreflectivity", {}, patterns=(("retroreflectivity", "noise"),))
+    yield _case(conductor, "wear-on-roughness", half, patterns=(("roughness", "wear"),))
+    yield _case(dielectric, "checker-on-tint", half, patterns=(("tint", "checker"),))
+    both = (("color0", "checker"), ("retroreflectivity", "stripes"))
+    yield _case(schlick, "checker-on-color0", half, patterns=both)
 
 
-def _thin_films() -> Iterator[ImageCase]:
+def _thin_films() -> Iterator[MaterialCase]:
     """A thin film on the facets, seen in both lobes."""
     for node, thickness in itertools.product(NODES, (150.0, 550.0)):
         values = {"thinfilm_thickness": thickness, "thinfilm_ior": 1.33, "retroreflectivity": 0.5}
         yield _case(node, f"film{thickness:g}nm", values, (0.3, 0.3))
 
 
-def _inputs() -> Iterator[ImageCase]:
+def _inputs() -> Iterator[MaterialCase]:
     """The inputs that are left: weight, scatter modes, extreme Fresnel colours, values that are clamped."""
     conductor, dielectric, schlick = NODES
     half = {"retroreflectivity": 0.5}
@@ -263,9 +246,8 @@ def _inputs() -> Iterator[ImageCase]:
         yield _case(node, "weight0.3", {**half, "weight": 0.3})
     for node, mode in itertools.product((dielectric, schlick), ("T", "RT")):
         # What only transmits is black here, of which nobody would notice that it is missing: the base below is seen.
-        below = (0.8, 0.2, 0.1) if mode == "T" else None
-        yield _case(node, f"scatter-{mode}", {**half, "scatter_mode": mode}, base=below)
-    yield _case(dielectric, "weight0", {**half, "weight": 0.0}, base=(0.8, 0.2, 0.1))
+        yield _case(node, f"scatter-{mode}", {**half, "scatter_mode": mode}, over_diffuse=mode == "T")
+    yield _case(dielectric, "weight0", {**half, "weight": 0.0}, over_diffuse=True)
     yield _case(schlick, "color82-black", {**half, "color82": (0.0, 0.0, 0.0)})
     bright = {"color0": (1.3, 0.6, 1.1), "color82": (1.2, 1.5, 0.4), "color90": (1.4, 1.1, 1.0)}
     yield _case(schlick, "colors-above-1", {**half, **bright})
@@ -274,23 +256,24 @@ def _inputs() -> Iterator[ImageCase]:
     yield _case(conductor, "roughness-above-1", half, (1.5, 1.2))
 
 
-def _layers() -> Iterator[ImageCase]:
+def _layers() -> Iterator[MaterialCase]:
     """Each node over a diffuse base, which sees what is let through: of a metal nothing."""
     conductor, dielectric, schlick = NODES
-    below = (0.8, 0.2, 0.1)
     for weight in WEIGHTS:
-        yield _case(dielectric, f"over-diffuse-retro{weight:g}", {"retroreflectivity": weight}, base=below)
+        yield _case(
+            dielectric, f"over-diffuse-retro{weight:g}", {"retroreflectivity": weight}, over_diffuse=True
+        )
     half: dict[str, Value] = {"retroreflectivity": 0.5}
-    yield _case(conductor, "over-diffuse", half, base=below)
-    yield _case(schlick, "over-diffuse", {**half, "color0": (0.3, 0.2, 0.1)}, base=below)
+    yield _case(conductor, "over-diffuse", half, over_diffuse=True)
+    yield _case(schlick, "over-diffuse", {**half, "color0": (0.3, 0.2, 0.1)}, over_diffuse=True)
     # What a layer lets through is the only thing that depends on how an albedo is split between F0 and F90.
     for distribution, masking in (*OTHER_PAIRS, ("phong", "vcavity")):
         pair: dict[str, Value] = {**half, "distribution": distribution, "masking": masking}
         name = f"{distribution}-{masking}-over-diffuse"
-        yield _case(dielectric, name, pair, patterns={"roughness": "wear"}, base=below)
+        yield _case(dielectric, name, pair, patterns=(("roughness", "wear"),), over_diffuse=True)
 
 
-def _lights() -> Iterator[ImageCase]:
+def _lights() -> Iterator[MaterialCase]:
     """Point and spot lights, several lights, a plane from both sides."""
     point = PointLight(position=(0.4, 0.5, 2.0), intensity=4.0)
     spot = SpotLight(
@@ -312,13 +295,14 @@ def _lights() -> Iterator[ImageCase]:
     yield _case(NODES[0], "plane-from-behind", half, mesh="plane", camera=behind, lights=AROUND)
 
 
-def _lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> ImageCase:
+def _lit(node: str, what: str, inputs: Mapping[str, Value], light: MapLight, **others: Any) -> MaterialCase:
     """A case in image light."""
-    options = {"lights": (), "environment": light, "size": (64, 64), **others}
+    around = EnvironmentMap(light.map, light.options)
+    options = {"lights": (), "environment": around, "method": light.method, "size": (64, 64), **others}
     return _case(node, what, inputs, **options)
 
 
-def _image_lights() -> Iterator[ImageCase]:
+def _image_lights() -> Iterator[MaterialCase]:
     """Image light: every map, both methods, every pair of distribution and masking, a film, a base, the mirror, and
     what is seen through each node that transmits."""
     conductor, dielectric, schlick = NODES
@@ -349,12 +333,18 @@ def _image_lights() -> Iterator[ImageCase]:
         yield _lit(
             node, "film550nm-in-studio", {**half, **film}, MapLight("studio", samples=32), alpha=(0.3, 0.3)
         )
-    yield _lit(dielectric, "over-diffuse-in-sky", half, MapLight("sky"), base=(0.8, 0.2, 0.1))
+    yield _lit(dielectric, "over-diffuse-in-sky", half, MapLight("sky"), over_diffuse=True)
     yield _lit(schlick, "in-sky-and-lights", half, MapLight("sky"), lights=AROUND)
     above = Camera(position=(0.5, 2.0, 1.0), fov=45.0)
     for node in NODES:
         values = {"retroreflectivity": 1.0}
-        options = {"mesh": "floor", "camera": above, "mirrored": True, "alpha": (0.3, 0.1)}
+        options = {
+            "mesh": "plane",
+            "camera": above,
+            "alpha": (0.3, 0.1),
+            "truth": "mirror",
+            "reason": MIRRORED,
+        }
         yield _lit(node, "mirror-in-sky", values, MapLight("sky", rotation=30.0), **options)
     sky = MapLight("sky", rotation=30.0)
     through: dict[str, Value] = {**half, "retro_transmission": True}
@@ -367,11 +357,13 @@ def _image_lights() -> Iterator[ImageCase]:
     yield _lit(schlick, "through-in-sky-prefilter", {**CLEAR, **half, "scatter_mode": "RT"}, prefiltered)
 
 
+MIRRORED = "the other lobe shows the same of the map turned by half a turn"
+
 CLEAR: Mapping[str, Value] = {"color0": (0.08, 0.05, 0.03)}
 """A Schlick lobe of which most is let through."""
 
 
-def more_image_lights() -> list[ImageCase]:
+def more_image_lights() -> list[MaterialCase]:
     """What is seen through the nodes, for the suite `full`: every weight, pair, width and method, a film, a base."""
     found = []
     _, dielectric, schlick = NODES
@@ -395,12 +387,15 @@ def more_image_lights() -> list[ImageCase]:
         for index in (0.3, 0.7, 1.0, 1.1, 3.0):
             values = {"scatter_mode": mode, "ior": index}
             found.append(_lit(dielectric, f"through-{mode}-{method}-ior{index:g}", values, light))
-        below = (0.8, 0.2, 0.1)
-        found.append(
-            _lit(
-                dielectric, f"through-{mode}-{method}-over-diffuse", {"scatter_mode": mode}, light, base=below
+            found.append(
+                _lit(
+                    dielectric,
+                    f"through-{mode}-{method}-over-diffuse",
+                    {"scatter_mode": mode},
+                    light,
+                    over_diffuse=True,
+                )
             )
-        )
         at_0: dict[str, Value] = {"exponent": 0.0, "color90": (0.1, 0.2, 0.3), "scatter_mode": mode}
         found.append(_lit(schlick, f"through-{mode}-{method}-exponent0", {**at_0, **film}, light))
     return found

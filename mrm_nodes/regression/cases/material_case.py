@@ -1,4 +1,4 @@
-"""A case of a user's own material: rendered, and compared with the evaluator or with a stored image."""
+"""A case of a material: rendered, and compared with the evaluator, with a stored image, or with its mirror."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ from mrm_nodes.render.uniforms import uniforms_of
 from mrm_nodes.shadergen import Shader, room_for
 
 Array = NDArray[np.float64]
-Truth = Literal["physics", "baseline"]
+Truth = Literal["physics", "baseline", "mirror"]
 Layering = Literal["materialx", "exact"]
+Method = Literal["fis", "prefilter"]
 
 BASELINE_TOLERANCE = Tolerance(max_rel=1e-2, p999_rel=1e-3)
 """Against a stored image, where a suite says nothing else: what another driver's rounding makes of a narrow lobe."""
@@ -50,7 +51,7 @@ class EnvironmentMap:
     name: str
     """`sky`, `studio`, or a file's name below the case's root."""
     options: tuple[tuple[str, float], ...] = ()
-    """Of `rotation`, `intensity` and `samples`, those that differ from `find_environment`'s."""
+    """Of `rotation`, `intensity`, `samples` and `filtered`, those that differ from `find_environment`'s."""
 
 
 IMAGE_SUFFIXES = (
@@ -62,10 +63,13 @@ IMAGE_SUFFIXES = (
 
 _WHOLE = Framing()
 
+MIRROR_ERROR = 1e-6
+"""Relative error of a retro lobe in a map against the forward lobe in the map turned about the normal."""
+
 
 @dataclass(frozen=True)
 class MaterialCase:
-    """One image of a user's material. File names are relative to `root`."""
+    """One image of a material. File names are relative to `root`."""
 
     name: str
     """The case's own, fit for a folder."""
@@ -76,7 +80,8 @@ class MaterialCase:
     element: str
     """Path of the material in its document."""
     truth: Truth
-    """What the image is compared with: `physics` or `baseline`."""
+    """What the image is compared with: `physics`, `baseline` or, in the default suite, `mirror`: the other lobe in the
+    map turned by half a turn ([MRM] eq. 3), both on the plane with the normal +y, the pole of every map."""
     reason: str
     """Why this truth; what is wrong with the document, where it is broken."""
     inputs: Mapping[str, Value] = field(default_factory=dict)
@@ -115,6 +120,8 @@ class MaterialCase:
     """Where it was moved, the root that its documents know: their absolute names are below it."""
     target: str = "glsl"
     """What its shader is generated for."""
+    method: Method = "fis"
+    """How its shader evaluates image light: by samples, or by one look-up at a level for alpha."""
     layering: Layering = "materialx"
     """`exact` to be told what MaterialX's rule of layering costs it, beside its verdict, which is by that rule."""
 
@@ -132,7 +139,7 @@ class MaterialCase:
     def structure(self) -> tuple[Any, ...]:
         """Values are uniforms: which inputs have one is what makes a shader another one."""
         inputs = tuple(sorted(self.inputs))
-        return (self.target, str(self.root), self.material, self.element, inputs, self.room)
+        return (self.target, str(self.root), self.material, self.element, inputs, self.room, self.method)
 
     @property
     def room(self) -> int:
@@ -159,8 +166,9 @@ class MaterialCase:
             "mask": self.mask and self._told(self.mask),
             "baselines": self._told(self.baselines),
             "allow_external": self.allow_external,
-            # Without it a case is told as before it could be asked for: its stored image stays accepted.
+            # Without them a case is told as before they could be asked for: its stored image stays accepted.
             **({} if self.max_lights is None else {"max_lights": self.max_lights}),
+            **({} if self.method == "fis" else {"method": self.method}),
             **({} if self.layering == "materialx" else {"layering": self.layering}),
         }
 
@@ -231,7 +239,7 @@ def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path
     mask = drawn.mask & _mask(case)
     place = Path("cases") / outcome.backend / case.name
     (folder / place).mkdir(parents=True, exist_ok=True)
-    source = (case.root / case.material).read_text(encoding="utf-8", errors="replace")
+    source = source_of(case)
 
     expected = _Expected(drawn.image)
     if case.truth == "baseline":
@@ -243,6 +251,8 @@ def judge(case: MaterialCase, workshop: Workshop, outcome: Outcome, folder: Path
             _note_render(folder, outcome)
             raise
         expected.tolerance = BASELINE_TOLERANCE
+    elif case.truth == "mirror":
+        _mirror(bench, expected)
     else:
         _compute(bench, drawn, mask, expected)
     with timed(outcome, "compare"):
@@ -350,31 +360,37 @@ class _Bench:
 
     def _generate(self, key: Any, document: Callable[[], mx.Document], element: str) -> Shader:
         with timed(self.outcome, "generate"):
-            return self._workshop.shader(key, document, element, self.case.inputs, self.case.room)
+            case = self.case
+            return self._workshop.shader(key, document, element, case.inputs, case.room, case.method)
 
-    def render(self, shader: Shader, environment: Environment | None = None) -> RenderedImage:
-        """Draw the case with its lights."""
-        return self._render(shader, environment=environment, lights=self.case.lights)
+    def render(
+        self,
+        shader: Shader,
+        environment: Environment | None = None,
+        values: Mapping[str, Value] | None = None,
+    ) -> RenderedImage:
+        """Draw the case with its lights; values: of inputs, in place of the case's."""
+        return self._render(shader, values or {}, environment=environment, lights=self.case.lights)
 
     def show(self, port: Driven) -> RenderedImage:
         """Draw what drives an input, without a light, where the material is seen."""
         shader = self.shader(self.case.element)
         visible = (shader, self._uniforms(shader)) if ALPHA_THRESHOLD in shader.pixel else None
-        return self._render(self.shown(port.element), visible=visible)
+        return self._render(self.shown(port.element), {}, visible=visible)
 
     def _uniforms(self, shader: Shader) -> dict[str, Value]:
         """The case's values of a shader's inputs."""
         known = {uniform.path for uniform in uniforms_of(shader).values()}
         return {name: self.case.placed(value) for name, value in self.case.inputs.items() if name in known}
 
-    def _render(self, shader: Shader, **more: Any) -> RenderedImage:
+    def _render(self, shader: Shader, values: Mapping[str, Value], **more: Any) -> RenderedImage:
         case = self.case
         drawn = self._workshop.renderer.render(
             shader,
             self._mesh,
             case.camera,
             size=case.size,
-            uniforms=self._uniforms(shader),
+            uniforms={**self._uniforms(shader), **values},
             **more,
         )
         for stage, seconds in drawn.seconds.items():
@@ -403,6 +419,18 @@ class _Bench:
         return resolve
 
 
+def _mirror(bench: _Bench, expected: _Expected) -> None:
+    """Complete what is expected with the other lobe in the map turned about the normal."""
+    case, light = bench.case, _environment(bench.case)
+    if light is None:
+        raise MrmError(f"{case.name}: there is no environment to turn")
+    name = next(name for name in case.inputs if name.endswith("/retroreflectivity"))
+    turned = replace(light, rotation=light.rotation + 180.0)
+    other = {name: 1.0 - float(np.asarray(case.inputs[name], np.float64))}
+    expected.truth = bench.render(bench.shader(case.element), turned, other).image.astype(np.float64)
+    expected.bounds = Bounds(np.array(MIRROR_ERROR), np.array(MIRROR_ERROR))
+
+
 def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expected: _Expected) -> None:
     """Complete what is expected with the evaluator's reference of the points of a mask."""
     # The evaluator takes half a second to import: who compares with stored images does without it.
@@ -424,7 +452,7 @@ def _compute(bench: _Bench, drawn: RenderedImage, mask: NDArray[np.bool_], expec
     )
     lights = [light.data(drawn.camera) for light in case.lights]
     light = _environment(case)
-    around = None if light is None else Surroundings(light, measure(bench.outcome.backend))
+    around = None if light is None else Surroundings(light, measure(bench.outcome.backend), case.method)
     with timed(bench.outcome, "reference"):
         if case.layering == "exact" and mask.any() and has_layers(closure.tree):
             reference, bounds, exact = shade_both(closure.tree, points, lights, resolve, around)
@@ -459,6 +487,13 @@ def read(case: MaterialCase) -> mx.Document:
         MrmError: as `documents.read_document`.
     """
     return documents.read_document(case.root / case.material, allow_external=case.allow_external)
+
+
+def source_of(case: MaterialCase) -> str:
+    """What is rendered, as a MaterialX document with the case's values."""
+    if not case.inputs or case.truth == "baseline":
+        return (case.root / case.material).read_text(encoding="utf-8", errors="replace")
+    return str(mx.writeToXmlString(with_values(read(case), case.inputs, case.material)))
 
 
 def _placed(case: MaterialCase) -> mx.Document:
@@ -560,19 +595,39 @@ def _spread(points: ArrayLike, mask: NDArray[np.bool_]) -> Array:
 
 
 def _mesh(case: MaterialCase) -> Mesh:
+    if case.truth == "mirror":
+        return _floor()
     if case.mesh in BUILT_IN:
         return load_mesh(case.mesh)
     path = case.root / case.mesh
     return _loaded_mesh(path, _stamp(path))
 
 
+def _floor() -> Mesh:
+    """The built-in plane, turned to face +y: its normal is the pole of every map."""
+    flat = load_mesh("plane")
+
+    def turned(vectors: NDArray[Any]) -> NDArray[Any]:
+        swapped: NDArray[Any] = vectors[:, [0, 2, 1]]
+        return swapped * (1.0, 1.0, -1.0)
+
+    return replace(
+        flat,
+        name="floor",
+        positions=turned(flat.positions),
+        normals=turned(flat.normals),
+        tangents=turned(flat.tangents),
+    )
+
+
 def _environment(case: MaterialCase) -> Environment | None:
-    if case.environment is None:
+    around = case.environment
+    if around is None:
         return None
-    if _is_built_in(case.environment):
-        return _loaded_environment(case.environment.name, (), case.environment.options)
-    path = case.root / case.environment.name
-    return _loaded_environment(str(path), _stamp(path), case.environment.options)
+    if _is_built_in(around):
+        return _loaded_environment(around.name, (), around.options)
+    path = case.root / around.name
+    return _loaded_environment(str(path), _stamp(path), around.options)
 
 
 def _stamp(path: Path) -> tuple[str, int, int]:

@@ -5,11 +5,8 @@ Documents and images are small and always the same; they are written when a suit
 
 from __future__ import annotations
 
-import atexit
 import functools
 import itertools
-import shutil
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mrm_nodes.files import write_text
-from mrm_nodes.regression.cases.builtin import ABOVE, AROUND, WEIGHTS
+from mrm_nodes.regression.cases.builtin import ABOVE, AROUND, WEIGHTS, own_folder
 from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase
 from mrm_nodes.render.images import write_png
 
@@ -96,20 +93,20 @@ def textured_cases(folder: Path | None = None) -> list[MaterialCase]:
 
     folder: where documents and images are written; by default one that this process removes at its end.
     """
-    root = folder or _own_folder()
+    root = folder or own_folder()
     nodes = [_case(root, name, (imaged,)) for name in _of_type("BSDF") for imaged in IMAGED]
     return [*nodes, *(_case(root, name, IMAGED) for name in _of_type("surfaceshader"))]
 
 
 def more_textured_cases(folder: Path | None = None) -> list[MaterialCase]:
     """Each surface with an image on each kind of input: the suite `full` has them beside the others."""
-    root = folder or _own_folder()
+    root = folder or own_folder()
     return [_case(root, name, (imaged,)) for name in _of_type("surfaceshader") for imaged in IMAGED]
 
 
 def surrounded_cases(folder: Path | None = None) -> list[MaterialCase]:
     """Image light on each node with a normal map, and on each surface with an image on every input: for every run."""
-    root = folder or _own_folder()
+    root = folder or own_folder()
     sky = EnvironmentMap("sky", (("rotation", 30.0),))
     cases = [_case(root, name, ("normal",)) for name in _of_type("BSDF")]
     cases += [_case(root, name, IMAGED) for name in _of_type("surfaceshader")]
@@ -118,7 +115,7 @@ def surrounded_cases(folder: Path | None = None) -> list[MaterialCase]:
 
 def more_surrounded_cases(folder: Path | None = None) -> list[MaterialCase]:
     """Image light on each surface at each weight: the suite `full` has them beside the others."""
-    root, found = folder or _own_folder(), []
+    root, found = folder or own_folder(), []
     for name, weight in itertools.product(_of_type("surfaceshader"), WEIGHTS):
         path = f"shaded/{SUBJECTS[name].names['retroreflectivity'].split()[0]}"
         case = replace(_case(root, name, ("color",)), inputs={path: weight})
@@ -142,7 +139,7 @@ _CLEAR: Mapping[str, Mapping[str, float | tuple[float, ...]]] = {
 def transmitting_cases(folder: Path | None = None) -> list[MaterialCase]:
     """What is seen through each surface in image light, alone and beside its other lobes, with every weight of the
     retro lobe: the suite `full` has them beside the others."""
-    root, found = folder or _own_folder(), []
+    root, found = folder or own_folder(), []
     for name, weight in itertools.product(_CLEAR, WEIGHTS):
         retro = SUBJECTS[name].names["retroreflectivity"].split()[0]
         whole = next(iter(_CLEAR[name]))
@@ -166,13 +163,6 @@ def _within(case: MaterialCase, light: EnvironmentMap, what: str) -> MaterialCas
 
 def _of_type(kind: str) -> list[str]:
     return [name for name, subject in SUBJECTS.items() if subject.type == kind]
-
-
-@functools.cache
-def _own_folder() -> Path:
-    folder = Path(tempfile.mkdtemp(prefix="mrm-textured-"))
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return folder
 
 
 @functools.cache

@@ -13,7 +13,7 @@ from mrm_nodes import compiling
 from mrm_nodes.allowance import limit_memory, out_of_memory
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.processes import end_with_parent
-from mrm_nodes.regression.cases import cloud, image_case, material_case
+from mrm_nodes.regression.cases import cloud, material_case
 from mrm_nodes.regression.cases import digests as inputs
 from mrm_nodes.regression.cases.workshop import Workshop
 from mrm_nodes.regression.run.pool import Compiled, Compiling
@@ -22,7 +22,6 @@ from mrm_nodes.render.context import get_context
 from mrm_nodes.shadergen import Shader
 
 JUDGES: Mapping[str, Callable[[Any, Workshop, Outcome, Path], None]] = {
-    "image": image_case.judge,
     "cloud": cloud.judge,
     "material": material_case.judge,
 }

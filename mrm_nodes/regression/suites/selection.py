@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.regression.cases.builtin import ImageCase, MapLight, default_suite, more_image_lights
+from mrm_nodes.regression.cases.builtin import MapLight, default_suite, more_image_lights
 from mrm_nodes.regression.cases.cloud import Cloud
 from mrm_nodes.regression.cases.material_case import Layering, MaterialCase
 from mrm_nodes.regression.cases.textured import (
@@ -102,9 +102,7 @@ def suite(
 
 def _told(task: Task, layering: Layering) -> Task:
     """A task of our own that is told what its layers cost, where it may have any."""
-    if isinstance(task, MaterialCase) or (isinstance(task, ImageCase) and task.base and not task.mirrored):
-        return replace(task, layering=layering)
-    return task
+    return replace(task, layering=layering) if isinstance(task, MaterialCase) else task
 
 
 def choose(tasks: Sequence[AnyTask], expression: str | None) -> list[AnyTask]:

@@ -96,6 +96,7 @@ def document(
     patterns: Mapping[str, str] | None = None,
     attributes: Iterable[str] = (),
     base: str | None = None,
+    called: str = MATERIAL,
 ) -> mx.Document:
     """A material whose surface is one node.
 
@@ -104,6 +105,7 @@ def document(
         patterns: by input, the name of the graph of patterns.mtlx that drives it.
         attributes: inputs that vertex attributes of the same name drive.
         base: a BSDF node of MaterialX to lie under ours.
+        called: the name of the material.
     """
     doc = mx.createDocument()
     doc.setDataLibrary(shared_library())
@@ -128,7 +130,7 @@ def document(
         top.addInput("base", "BSDF").setConnectedNode(doc.addNode(base, "base", "BSDF"))
     surface = doc.addNode("surface", "surface", "surfaceshader")
     surface.addInput("bsdf", "BSDF").setConnectedNode(top)
-    material = doc.addNode("surfacematerial", MATERIAL, "material")
+    material = doc.addNode("surfacematerial", called, "material")
     material.addInput("surfaceshader", "surfaceshader").setConnectedNode(surface)
     return doc
 

@@ -201,23 +201,13 @@ def shade_node(
     frame: Array,
     position: Array,
     lights: Sequence[LightData],
-    base: tuple[float, float, float] | None = None,
 ) -> tuple[Array, Bounds]:
     """`shade_tree` of one node of ours, its inputs given: scalars, `(n,)` or `(n, k)`.
 
-    view, frame, position: in world space, as `reference_image.shading_frame` gives them. base: the colour of a
-    Lambertian layer below.
+    view, frame, position: in world space, as `reference_image.shading_frame` gives them.
     """
     lobe = _Judged(node, values, frame)
-    if base is None:
-        return _lit(lights, position, view, lambda direction, cosine: lobe.judge(view, direction, cosine))[:2]
-    white = {"weight": 1.0, "color": base, "roughness": 0.0, "energy_compensation": False}
-    below = _Judged(DIFFUSE_NODE, white, frame)
-
-    def both(direction: Array, cosine: float) -> _Part:
-        return lobe.judge(view, direction, cosine).over(below.judge(view, direction, cosine))
-
-    return _lit(lights, position, view, both)[:2]
+    return _lit(lights, position, view, lambda direction, cosine: lobe.judge(view, direction, cosine))[:2]
 
 
 def surround_node(
@@ -260,8 +250,8 @@ def light_tree(tree: Tree, points: Points, environment: Environment, resolve: Re
 
 
 def _view(points: Points) -> Array:
-    """The direction to the camera, `(n, 3)`."""
-    away = points.eye - points.position
+    """The direction to the camera, `(n, 3)`, whose place the shader has in float32."""
+    away = as_float32(points.eye) - points.position
     view: Array = away / np.linalg.norm(away, axis=-1, keepdims=True)
     return view
 

@@ -92,7 +92,7 @@ class Outcome:
     """Where it was drawn: `egl` or `osmesa`."""
     verdict: Verdict
     """What came of it; see `compare.VERDICTS`."""
-    kind: str = "image"
+    kind: str = "material"
     """The task's: `image`, `cloud` or `material`."""
     target: str = "glsl"
     """What its shader was generated for."""

@@ -392,7 +392,7 @@ function factsOf(each) {
   const files = ["render_data", "reference_data", "source"].filter((name) => each.files[name]);
   facts.push(
     el("section", {}, el("h3", {}, "Truth and files"),
-      tree({ truth: { physics: "physics: the evaluator", baseline: "baseline: a stored image" }[each.truth] ?? each.truth, kind: each.kind, ...others }),
+      tree({ truth: { physics: "physics: the evaluator", baseline: "baseline: a stored image", mirror: "mirror: the other lobe in the map turned by half a turn" }[each.truth] ?? each.truth, kind: each.kind, ...others }),
       files.length
         ? el("p", { class: "number" }, files.flatMap((name, i) => [i ? " · " : "", el("a", { href: address(each.files[name]) }, each.files[name].split("/").pop())]))
         : null),

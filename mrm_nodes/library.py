@@ -134,6 +134,16 @@ def _library(surfaces: bool, libraries: Path | None, environment: Environment = 
     return library
 
 
+@functools.cache
+def node_names() -> tuple[str, ...]:
+    """The names of our BSDF nodes, in their alphabet's order."""
+    definitions = mx.createDocument()
+    _add_nodes(definitions, root_path() / "mtlx" / "mrm")
+    return tuple(
+        sorted({each.getNodeString() for each in definitions.getNodeDefs() if each.getType() == "BSDF"})
+    )
+
+
 def _add_nodes(library: mx.Document, folder: Path) -> None:
     for file in sorted(folder.glob("*.mtlx")):
         part = mx.createDocument()

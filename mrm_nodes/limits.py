@@ -16,8 +16,6 @@ _FUSED_ONLY = {"distribution": "ggx", "masking": "smith", "retro_transmission": 
 #: Inputs that MaterialX's environment functions do not know, with the value that they stand for.
 _DIRECT_ONLY = {"distribution": "ggx", "masking": "smith"}
 
-_NODES = frozenset({"mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf"})
-
 
 def ignored_inputs(
     document: mx.Document,
@@ -89,7 +87,7 @@ def _our_bsdfs(node: mx.Node, target: str, outer: _Inputs) -> Iterator[tuple[mx.
             continue
         connected = given.getNodeName() or given.getNodeGraphString() or given.getOutputString()
         inputs[given.getName()] = (given.getNamePath(), None if connected else given.getValueString())
-    if node.getCategory() in _NODES:
+    if node.getCategory() in library.node_names():
         yield node, inputs
         return
     definition = node.getNodeDef(target) or node.getNodeDef()

@@ -7,8 +7,8 @@ import os
 import pytest
 
 from mrm_nodes.regression.cases.cloud import Cloud, Decade, attributes_of, tally
-from mrm_nodes.regression.suites.selection import CLOUD_PAIRS
 from mrm_nodes.regression.truth import material
+from mrm_nodes.regression.truth.material import PAIRS
 from mrm_nodes.render.renderer import Renderer
 from mrm_nodes.shadergen import generate_shader
 
@@ -25,12 +25,12 @@ def test_no_configuration_is_over_its_bound(working_backend, node):
     renderer = Renderer(working_backend)
     document = material.document(node, attributes=attributes_of(node))
     shader = generate_shader(document, element=material.MATERIAL)
-    each = -(-CONFIGURATIONS // len(CLOUD_PAIRS))
+    each = -(-CONFIGURATIONS // len(PAIRS))
     found: dict[tuple[str, float], Decade] = {}
-    for pair in CLOUD_PAIRS:
+    for pair in PAIRS:
         for where, decade in tally(Cloud(node, *pair, each, SEED), renderer, shader).items():
             found[where] = found.get(where, Decade()).joined(decade)
-    print(f"\n{node}, {each * len(CLOUD_PAIRS)} configurations, seed {SEED}")
+    print(f"\n{node}, {each * len(PAIRS)} configurations, seed {SEED}")
     for (axis, low), decade in found.items():
         beyond = 100 * decade.unusual / max(decade.configurations, 1)
         print(

@@ -33,7 +33,7 @@ from mrm_nodes.regression.cases.builtin import MapLight
 from mrm_nodes.regression.cases.cloud import Cloud
 from mrm_nodes.regression.cases.workshop import Workshop
 from mrm_nodes.regression.run.worker import JUDGES
-from mrm_nodes.regression.suites.selection import CLOUD_PAIRS, suite
+from mrm_nodes.regression.suites.selection import suite
 from mrm_nodes.regression.truth import material, physics
 from mrm_nodes.regression.verdict.compare import FLOOR, relative_error
 from mrm_nodes.regression.verdict.outcome import Task, outcome_of
@@ -559,7 +559,7 @@ class Witness:
         )
         inputs_of = material.inputs_of(node)
         # A black base is none.
-        kinds = [(*pair, base, "R") for pair in CLOUD_PAIRS for base in (0.0, 0.9)]
+        kinds = [(*pair, base, "R") for pair in material.PAIRS for base in (0.0, 0.9)]
         if "scatter_mode" in inputs_of:
             kinds += [("ggx", "smith", 0.9, mode) for mode in ("RT", "T")]
         for distribution, masking, base, mode in kinds:

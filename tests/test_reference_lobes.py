@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mrm_nodes import reference as ref
-from mrm_nodes.reference.checks import SMALLEST_ALPHA
+from mrm_nodes.reference.checks import PAIRS, SMALLEST_ALPHA
 from mrm_nodes.reference.diffuse import C1, C2, fujii_albedo
 
 TURN = np.array([-1.0, -1.0, 1.0])
@@ -28,13 +28,6 @@ def frames(rng, count):
     return q * np.sign(np.linalg.det(q))[:, None, None]
 
 
-MASKS = [
-    ("ggx", "smith"),
-    ("beckmann", "smith"),
-    ("ggx", "vcavity"),
-    ("beckmann", "vcavity"),
-    ("phong", "vcavity"),
-]
 CORRELATIONS = ["height", "separable", "direction", "height_direction"]
 
 
@@ -62,7 +55,7 @@ def index_of(lobe):
 
 
 @pytest.mark.parametrize("correlation", CORRELATIONS)
-@pytest.mark.parametrize(("distribution", "masking"), MASKS)
+@pytest.mark.parametrize(("distribution", "masking"), PAIRS)
 def test_reciprocity_in_random_frames(distribution, masking, correlation):
     """f(v, l) / ηv² = f(l, v) / ηl² to rounding, forward, retro and blended (001 eqs. 11, 16 and 17)."""
     rng = np.random.default_rng(3)
@@ -147,7 +140,7 @@ class Hemisphere:
         return (lobe.eval(v, self.l) * self.weight[..., None]).sum(axis=(0, 1))
 
 
-@pytest.mark.parametrize(("distribution", "masking"), MASKS)
+@pytest.mark.parametrize(("distribution", "masking"), PAIRS)
 def test_retro_albedo_is_forward_albedo(distribution, masking):
     """001 eq. 18, integrated over l, in reflection and in transmission."""
     v = np.array([0.6 * math.cos(0.4), 0.6 * math.sin(0.4), 0.8])
@@ -172,7 +165,7 @@ def test_retro_albedo_is_forward_albedo(distribution, masking):
         np.testing.assert_allclose(parts[2], parts[0], rtol=1e-10)
 
 
-@pytest.mark.parametrize(("distribution", "masking"), MASKS)
+@pytest.mark.parametrize(("distribution", "masking"), PAIRS)
 def test_albedo_is_the_integral_of_eval(distribution, masking):
     v = np.array([0.6, 0.0, 0.8])
     for lobe in everything(
@@ -183,7 +176,7 @@ def test_albedo_is_the_integral_of_eval(distribution, masking):
         np.testing.assert_allclose(lobe.albedo(v), above + below, atol=2e-3)
 
 
-@pytest.mark.parametrize(("distribution", "masking"), MASKS)
+@pytest.mark.parametrize(("distribution", "masking"), PAIRS)
 def test_nothing_makes_energy(distribution, masking):
     cos = np.array([1e-3, 0.03, 0.2, 0.6, 1.0])
     v = np.stack([np.sqrt(1.0 - cos**2), np.zeros(5), cos], axis=-1)[:, None]
@@ -202,7 +195,7 @@ STATED = {"materialx-1.39.5": 1e-3, "materialx-1.39.6": 1e-3, "turquin": 6e-3, "
 
 
 @pytest.mark.parametrize("scheme", STATED)
-@pytest.mark.parametrize(("distribution", "masking"), MASKS)
+@pytest.mark.parametrize(("distribution", "masking"), PAIRS)
 def test_compensated_white_albedo_is_one_within_the_stated_error(distribution, masking, scheme):
     bound = (
         0.06 if (distribution, masking) == ("ggx", "smith") and scheme.startswith("mat") else STATED[scheme]
@@ -305,7 +298,7 @@ shares = st.one_of(unit, st.sampled_from([0.0, 1.0]))
 @given(
     cos_v=cosines, phi_v=azimuths, cos_l=cosines, phi_l=azimuths, side_v=st.sampled_from([1, -1]),
     side_l=st.sampled_from([1, -1]), ax=alphas, ay=alphas, index=indices, k=st.sampled_from([0.0, 0.5, 8.0]),
-    share=shares, pair=st.sampled_from(MASKS), correlation=st.sampled_from(CORRELATIONS),
+    share=shares, pair=st.sampled_from(PAIRS), correlation=st.sampled_from(CORRELATIONS),
     mode=st.sampled_from(["R", "T", "RT"]), turned=st.booleans(), film=st.sampled_from([0.0, 0.0, 250.0]),
     exponent=st.sampled_from([5.0, 0.0, 2.5]), mean=st.sampled_from([0.0, 0.0, (0.3, -0.2)]),
     scheme=st.sampled_from([None, None, "materialx-1.39.5", "materialx-1.39.6"]), u=st.tuples(unit, unit, unit),
@@ -615,13 +608,7 @@ def test_a_colour_above_1_comes_back_bounce_by_bounce():
 
 @pytest.mark.parametrize(
     ("distribution", "masking"),
-    [
-        ("ggx", "smith"),
-        ("ggx", "vcavity"),
-        ("beckmann", "smith"),
-        ("beckmann", "vcavity"),
-        ("phong", "vcavity"),
-    ],
+    PAIRS,
 )
 def test_the_narrowest_lobe_is_finite_down_to_the_horizon(distribution, masking):
     lobe = ref.GeneralizedSchlick(

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from mrm_nodes.errors import MrmError
+from mrm_nodes.reference import checks
 from mrm_nodes.regression.cases.builtin import ALPHAS, default_suite
 from mrm_nodes.regression.cases.material_case import read
 from mrm_nodes.regression.suites.selection import choose, clouds, suite
@@ -65,6 +66,18 @@ def test_each_node_is_shown_in_every_map_at_every_weight_and_mirrored(node):
     prefiltered = {case.inputs["bsdf/retroreflectivity"] for case in lit if case.method == "prefilter"}
     assert prefiltered >= {0.0, 0.5, 1.0}
     assert {case.size for case in lit} == {(64, 64)}
+
+
+def test_no_two_of_all_cases_have_one_name():
+    names = [task.name for task in suite("full")]
+    assert len(set(names)) == len(names) >= 500
+
+
+def test_the_pairs_of_the_nodes_are_those_of_the_evaluator():
+    assert set(material.PAIRS) == set(checks.PAIRS)
+    choices = material.inputs_of(material.NODES[0])
+    assert {name for name, _ in material.PAIRS} == set(choices["distribution"].choices)
+    assert {name for _, name in material.PAIRS} == set(choices["masking"].choices)
 
 
 def test_a_case_of_image_light_reads_the_map_itself():

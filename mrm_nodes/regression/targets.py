@@ -9,7 +9,6 @@ from typing import Any
 from mrm_nodes import compilers, shadergen
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases.cloud import Cloud, attributes_of, run_cloud
-from mrm_nodes.regression.suites.selection import CLOUD_PAIRS
 from mrm_nodes.regression.truth import material
 
 
@@ -89,11 +88,11 @@ def _compiled_by(target: str) -> str:
 
 def _run(target: str, compiled_by: str, renderer: Any, configurations: int) -> TargetRow:
     decades: list[dict[str, Any]] = []
-    each = max(1, configurations // len(CLOUD_PAIRS))
+    each = max(1, configurations // len(material.PAIRS))
     for node in material.NODES:
         document = material.document(node, attributes=attributes_of(node))
         shader = shadergen.generate_shader(document, target)
-        for pair in CLOUD_PAIRS:
+        for pair in material.PAIRS:
             decades += run_cloud(Cloud(node, *pair, configurations=each), renderer, shader).decades
     bare, film = ([decade for decade in decades if decade["film"] is has_film] for has_film in (False, True))
     return TargetRow(

@@ -21,7 +21,7 @@ import MaterialX as mx
 from mrm_nodes.files import write_text
 from mrm_nodes.regression.cases.material_case import EnvironmentMap, MaterialCase, Method
 from mrm_nodes.regression.truth.closure import DIFFUSE_NODE
-from mrm_nodes.regression.truth.material import BSDF, NODES, Value, document
+from mrm_nodes.regression.truth.material import BSDF, NODES, PAIRS, Value, document
 from mrm_nodes.render.environment import Environment, find_environment
 from mrm_nodes.render.scene import (
     Camera,
@@ -41,8 +41,8 @@ ALPHAS: tuple[tuple[float, float], ...] = (
     (0.3, 0.08),
 )
 WEIGHTS = (0.0, 0.5, 1.0)
-OTHER_PAIRS = (("ggx", "vcavity"), ("beckmann", "smith"), ("beckmann", "vcavity"))
-IMAGE_LIGHT_PAIRS = (*OTHER_PAIRS, ("phong", "vcavity"))
+_, *IMAGE_LIGHT_PAIRS = PAIRS
+OTHER_PAIRS = IMAGE_LIGHT_PAIRS[:-1]
 MAPS = ("sky", "studio", "white")
 FIGURE_5 = (0.0, 45.0, 90.0)
 """Degrees between light and view in Figure 5 of the MRM paper."""
@@ -267,7 +267,7 @@ def _layers() -> Iterator[MaterialCase]:
     yield _case(conductor, "over-diffuse", half, over_diffuse=True)
     yield _case(schlick, "over-diffuse", {**half, "color0": (0.3, 0.2, 0.1)}, over_diffuse=True)
     # What a layer lets through is the only thing that depends on how an albedo is split between F0 and F90.
-    for distribution, masking in (*OTHER_PAIRS, ("phong", "vcavity")):
+    for distribution, masking in IMAGE_LIGHT_PAIRS:
         pair: dict[str, Value] = {**half, "distribution": distribution, "masking": masking}
         name = f"{distribution}-{masking}-over-diffuse"
         yield _case(dielectric, name, pair, patterns=(("roughness", "wear"),), over_diffuse=True)
@@ -368,10 +368,9 @@ def more_image_lights() -> list[MaterialCase]:
     found = []
     _, dielectric, schlick = NODES
     sky = MapLight("sky", rotation=30.0)
-    pairs = (("ggx", "smith"), *IMAGE_LIGHT_PAIRS)
     methods = {"fis": sky, "prefilter": replace(sky, method="prefilter")}
     for mode, (method, light) in itertools.product(("T", "RT"), methods.items()):
-        for weight, (distribution, masking) in itertools.product(WEIGHTS, pairs):
+        for weight, (distribution, masking) in itertools.product(WEIGHTS, PAIRS):
             values: dict[str, Value] = {"scatter_mode": mode, "retroreflectivity": weight}
             values |= {"distribution": distribution, "masking": masking}
             what = f"through-{mode}-{method}-{distribution}-{masking}-retro{weight:g}"
@@ -387,15 +386,8 @@ def more_image_lights() -> list[MaterialCase]:
         for index in (0.3, 0.7, 1.0, 1.1, 3.0):
             values = {"scatter_mode": mode, "ior": index}
             found.append(_lit(dielectric, f"through-{mode}-{method}-ior{index:g}", values, light))
-            found.append(
-                _lit(
-                    dielectric,
-                    f"through-{mode}-{method}-over-diffuse",
-                    {"scatter_mode": mode},
-                    light,
-                    over_diffuse=True,
-                )
-            )
+        what = f"through-{mode}-{method}-over-diffuse"
+        found.append(_lit(dielectric, what, {"scatter_mode": mode}, light, over_diffuse=True))
         at_0: dict[str, Value] = {"exponent": 0.0, "color90": (0.1, 0.2, 0.3), "scatter_mode": mode}
         found.append(_lit(schlick, f"through-{mode}-{method}-exponent0", {**at_0, **film}, light))
     return found

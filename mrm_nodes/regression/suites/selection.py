@@ -13,7 +13,7 @@ from typing import TypeVar
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases.builtin import MapLight, default_suite, more_image_lights
 from mrm_nodes.regression.cases.cloud import Cloud
-from mrm_nodes.regression.cases.material_case import Layering, MaterialCase
+from mrm_nodes.regression.cases.material_case import Layering, MaterialCase, Method
 from mrm_nodes.regression.cases.textured import (
     more_surrounded_cases,
     more_textured_cases,
@@ -21,12 +21,11 @@ from mrm_nodes.regression.cases.textured import (
     textured_cases,
     transmitting_cases,
 )
-from mrm_nodes.regression.truth.material import NODES
+from mrm_nodes.regression.truth.material import NODES, PAIRS
 from mrm_nodes.regression.verdict.outcome import Task
 
 AnyTask = TypeVar("AnyTask", bound=Task)
 
-CLOUD_PAIRS = (*itertools.product(("ggx", "beckmann"), ("smith", "vcavity")), ("phong", "vcavity"))
 BUILT_IN = ("default", "full")
 CONFIGURATIONS = 1_000_000
 """Random configurations of each node in the default suite."""
@@ -38,8 +37,8 @@ def clouds(configurations: int = CONFIGURATIONS) -> list[Cloud]:
     """The clouds of every node, its configurations spread over the pairs of distribution and masking."""
     if configurations <= 0:
         return []
-    each = -(-configurations // len(CLOUD_PAIRS))
-    return [Cloud(node, *pair, configurations=each) for node in NODES for pair in CLOUD_PAIRS]
+    each = -(-configurations // len(PAIRS))
+    return [Cloud(node, *pair, configurations=each) for node in NODES for pair in PAIRS]
 
 
 def transmitting_clouds(configurations: int = CONFIGURATIONS, every: bool = False) -> list[Cloud]:
@@ -51,9 +50,10 @@ def transmitting_clouds(configurations: int = CONFIGURATIONS, every: bool = Fals
     if each <= 0:
         return []
     found = []
-    for node, (method, usual) in itertools.product(NODES[1:], (("fis", "T"), ("prefilter", "RT"))):
-        for pair, mode in itertools.product(CLOUD_PAIRS, ("T", "RT")):
-            if every != (pair == CLOUD_PAIRS[0] and mode == usual):
+    methods: tuple[tuple[Method, str], ...] = (("fis", "T"), ("prefilter", "RT"))
+    for node, (method, usual) in itertools.product(NODES[1:], methods):
+        for pair, mode in itertools.product(PAIRS, ("T", "RT")):
+            if every != (pair == PAIRS[0] and mode == usual):
                 light = MapLight("sky", rotation=20.0, samples=8, method=method)
                 found.append(Cloud(node, *pair, each, environment=light, scatter_mode=mode))
     return found

@@ -16,11 +16,20 @@ import MaterialX as mx
 import numpy as np
 
 from mrm_nodes.errors import MrmError
-from mrm_nodes.library import shared_library
+from mrm_nodes.library import node_names, shared_library
 
 Value = float | bool | str | tuple[float, ...]
 
-NODES = ("mrm_conductor_bsdf", "mrm_dielectric_bsdf", "mrm_generalized_schlick_bsdf")
+NODES = node_names()
+"""Ours, conductor, dielectric and generalised Schlick."""
+PAIRS = (
+    ("ggx", "smith"),
+    ("ggx", "vcavity"),
+    ("beckmann", "smith"),
+    ("beckmann", "vcavity"),
+    ("phong", "vcavity"),
+)
+"""Each distribution with each masking that is another lobe: Phong has one."""
 BSDF = "bsdf"
 """Name of our node in each document."""
 MATERIAL = "material"

@@ -345,7 +345,7 @@ def test_the_entries_that_were_used_longest_ago_go_first(tmp_path, report):
 class Task:
     """A task with settings of its own."""
 
-    name, kind, node, target = "case", "image", "node", "glsl"
+    name, kind, node, target = "case", "material", "node", "glsl"
 
     def __init__(self, *files, **settings):
         self._files, self._settings = files, settings

@@ -49,7 +49,7 @@ def index_of(lobe):
     f0 = math.sqrt((0.9 + 0.4 + 0.1) / 3.0)
     return {
         "GeneralizedSchlick": (1.0 + f0) / (1.0 - f0),
-        "Dielectric": float(np.ravel(lobe._parameters[2])[0]),
+        "Dielectric": float(np.ravel(lobe._parameters.a)[0]),
         "Conductor": 1.0,
     }[type(lobe).__name__]
 

@@ -136,7 +136,7 @@ def test_samples_follow_the_density_and_average_to_the_albedo(bsdf, v):
     test = ChiSquare(bsdf, v)
     test.check(len(LOBES))
     sample = test.sample
-    eta = float(np.ravel(bsdf._parameters[2])[0]) if isinstance(bsdf, ref.Dielectric) else 1.0
+    eta = float(np.ravel(bsdf._parameters.a)[0]) if isinstance(bsdf, ref.Dielectric) else 1.0
     if isinstance(bsdf, ref.GeneralizedSchlick):
         f0 = math.sqrt(sum(SCHLICK["color0"]) / 3.0)
         eta = (1.0 + f0) / (1.0 - f0)

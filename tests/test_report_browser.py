@@ -67,7 +67,7 @@ def compared(folder, name: str, wrong: float, tolerance: Tolerance) -> dict:
     return {
         "verdict": found.verdict,
         "figures": found.figures,
-        "tolerance": tolerance.asked(),
+        "tolerance": tolerance.limits(),
         "files": {
             key: f"cases/egl/{name}/{file}" if isinstance(file, str) else file
             for key, file in written.items()

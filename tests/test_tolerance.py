@@ -37,7 +37,7 @@ THRESHOLDS = [
 ]
 
 
-@pytest.mark.parametrize("tolerance", THRESHOLDS, ids=lambda each: next(iter(each.asked())))
+@pytest.mark.parametrize("tolerance", THRESHOLDS, ids=lambda each: next(iter(each.limits())))
 def test_an_equal_image_passes_and_a_different_one_fails(tolerance):
     assert compared(scene(), tolerance).verdict == "pass"
     assert compared(scene(), tolerance).figures.used == 0
@@ -46,9 +46,9 @@ def test_an_equal_image_passes_and_a_different_one_fails(tolerance):
     assert worse.figures.used > 1
 
 
-@pytest.mark.parametrize("tolerance", THRESHOLDS, ids=lambda each: next(iter(each.asked())))
+@pytest.mark.parametrize("tolerance", THRESHOLDS, ids=lambda each: next(iter(each.limits())))
 def test_the_figure_itself_is_the_threshold_that_is_just_kept(tolerance):
-    (name,) = tolerance.asked()
+    (name,) = tolerance.limits()
     figure = getattr(compared(scene() * 1.07, tolerance).figures, name)
     assert compared(scene() * 1.07, Tolerance(**{name: figure})).verdict == "pass"
     assert compared(scene() * 1.07, Tolerance(**{name: np.nextafter(figure, 0.0)})).verdict == "fail"
@@ -84,12 +84,12 @@ def test_only_the_mask_counts():
     assert result.flip[:10].max() == 0
 
 
-@pytest.mark.parametrize("tolerance", THRESHOLDS, ids=lambda each: next(iter(each.asked())))
+@pytest.mark.parametrize("tolerance", THRESHOLDS, ids=lambda each: next(iter(each.limits())))
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
 def test_one_value_that_is_not_finite_fails_whatever_is_asked(tolerance, value):
     image = scene()
     image[7, 9, 2] = value
-    loose = Tolerance(**dict.fromkeys(tolerance.asked(), 1e6))
+    loose = Tolerance(**dict.fromkeys(tolerance.limits(), 1e6))
     found = compared(image, loose)
     assert found.verdict == "fail"
     assert found.flip is None or found.flip[7, 9] == 1

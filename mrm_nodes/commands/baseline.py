@@ -154,9 +154,9 @@ def diff(cases: tuple[str, ...], suite: Path, report: Path, backend: str | None,
     for case in _chosen(cases or ("*",), suite, allow_external):
         image = read_image(run.image(run.record(case.name)))
         stored = case.store.read(case.name, image.shape)
-        asked = case.tolerance if case.tolerance.asked() else BASELINE_TOLERANCE
+        tolerance = case.tolerance if case.tolerance.limits() else BASELINE_TOLERANCE
         shown = (image != 0).any(axis=-1) | (stored != 0).any(axis=-1)
-        compared = compare_images(image, stored, shown, asked)
+        compared = compare_images(image, stored, shown, tolerance)
         figures = (compared.figures.max_rel, compared.figures.p999_rel, compared.figures.rmse)
         flip = "" if compared.figures.flip is None else f"{compared.figures.flip:.2g}"
         table.add_row(case.name, compared.verdict, *(f"{figure:.2g}" for figure in figures), flip)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from . import block, kernels
+from . import kernels
 from .bsdf import Lobe
 from .compiled import Array, run
 from .quadrature import quadrature_nodes
@@ -27,8 +27,6 @@ COSINES = 65
 #: A curve is good enough where its every other point alone tells the others to within this.
 CURVE_ERROR = 1e-3
 
-_RETRO = 1
-
 
 def albedo_of_points(lobe: Lobe, v: Array) -> Array:
     """`Lobe.albedo` of n views, within `ALBEDO_ERROR`: shape (n, 3).
@@ -38,12 +36,12 @@ def albedo_of_points(lobe: Lobe, v: Array) -> Array:
         v: (n, 3), unit vectors.
     """
     # Forward and retro lobes have the same albedo.
-    parameters = [np.zeros(1) if k == _RETRO else each for k, each in enumerate(lobe._parameters)]
+    parameters = lobe._parameters._replace(retroreflectivity=np.zeros(1))
     rows = np.concatenate([np.broadcast_to(each, (len(v), each.shape[-1])) for each in parameters], axis=1)
     splits = np.cumsum([each.shape[-1] for each in parameters])[:-1]
     found = np.empty(v.shape)
     alone = np.ones(len(v), bool)
-    is_isotropic = not lobe._modes[block.SKEWED] and bool((rows[:, 0] == rows[:, 1]).all())
+    is_isotropic = not lobe._modes.skewed and bool((rows[:, 0] == rows[:, 1]).all())
     if is_isotropic and len(v) >= COSINES:
         kinds, of_kind = np.unique(rows, axis=0, return_inverse=True)
         if len(kinds) * COSINES <= len(v):

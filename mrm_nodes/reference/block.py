@@ -4,7 +4,7 @@ Inputs are copied, a block at a time, into rows of one scratch array; a pass ove
 formula in a loop of constant length over rows, which the compiler turns into vector instructions. A row is
 named by the offset of its first element."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from .compiled import Array, formula, inlined, prefetch
 
@@ -31,11 +31,44 @@ PR, PG, PB = (BLOCK * k for k in range(60, 63))
 COATED, FORWARD, RETRO_SHARE, VARIES = (BLOCK * 63 + k for k in range(4))
 SIZE = BLOCK * 64
 
-# Positions in `modes`.
+
+class Parameters(NamedTuple):
+    """What a lobe is made of, in the order in which kernels take it; each (..., 1), (..., 2) or (..., 3)."""
+
+    alpha: Array
+    retroreflectivity: Array
+    a: Array
+    """The index of a dielectric or conductor, or F0; b: extinction, or F82; c: F90."""
+    b: Array
+    c: Array
+    exponent: Array
+    thinfilm_thickness: Array
+    thinfilm_ior: Array
+    slope_correlation: Array
+    mean_slope: Array
+    tint: Array
+
+
+class Modes(NamedTuple):
+    """What is decided for all of a call, in the order in which kernels take it: codes of `checks`, and flags."""
+
+    kind: int
+    distribution: int
+    masking: int
+    correlation: int
+    compensation: int
+    scatter: int
+    retro_transmission: int
+    skewed: int
+    fifth: int
+    """Whether each Schlick exponent is 5."""
+
+
+# Positions in `Modes`.
 KIND, DISTRIBUTION, MASKING, CORRELATION, COMPENSATION, SCATTER, RETRO_TRANSMISSION, SKEWED, FIFTH = range(9)
 REFLECT, TRANSMIT, BOTH = 0, 1, 2
 
-# Positions in `inputs`; tables follow.
+# Positions in `inputs`: two directions, `Parameters`, tables.
 IN_V, IN_L, IN_ALPHA, IN_RETRO, IN_A, IN_B, IN_C, IN_EXPONENT, IN_FILM, IN_FILM_INDEX = range(10)
 IN_RXY, IN_MEAN, IN_TINT, IN_TABLE, IN_NODES = range(10, 15)
 

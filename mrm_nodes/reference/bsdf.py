@@ -73,6 +73,7 @@ class Lobe:
 
     def __init__(
         self,
+        *,
         kind: int,
         colours: tuple[Array, Array, Array],
         exponent: ArrayLike,
@@ -128,51 +129,53 @@ class Lobe:
             raise ValueError(
                 f"masking {masking!r} is for reflection only: scatter_mode must be 'R', not {scatter_mode!r}"
             )
-        self._parameters = [
-            self._alpha,
-            self._retro,
-            *colours,
-            power,
-            scalar("thinfilm_thickness", thinfilm_thickness, 0.0),
-            scalar("thinfilm_ior", thinfilm_ior, 0.0, open_low=True),
-            self._rxy,
-            self._mean,
-            colour("tint", tint, 0.0),
-        ]
-        self._modes = [
-            kind,
-            self._distribution,
-            self._masking,
-            self._correlation,
-            self._compensation,
-            self._scatter,
-            int(self._retro_transmission),
-            int(skewed),
-            int(bool(np.all(power == 5.0))),
-        ]
+        self._parameters = block.Parameters(
+            alpha=self._alpha,
+            retroreflectivity=self._retro,
+            a=colours[0],
+            b=colours[1],
+            c=colours[2],
+            exponent=power,
+            thinfilm_thickness=scalar("thinfilm_thickness", thinfilm_thickness, 0.0),
+            thinfilm_ior=scalar("thinfilm_ior", thinfilm_ior, 0.0, open_low=True),
+            slope_correlation=self._rxy,
+            mean_slope=self._mean,
+            tint=colour("tint", tint, 0.0),
+        )
+        self._modes = block.Modes(
+            kind=kind,
+            distribution=self._distribution,
+            masking=self._masking,
+            correlation=self._correlation,
+            compensation=self._compensation,
+            scatter=self._scatter,
+            retro_transmission=int(self._retro_transmission),
+            skewed=int(skewed),
+            fifth=int(bool(np.all(power == 5.0))),
+        )
         try:
             self._shape = np.broadcast_shapes(*(p.shape[:-1] for p in self._parameters))
         except ValueError as error:
             raise ValueError(f"the parameters' shapes do not broadcast: {error}") from None
 
     def __repr__(self) -> str:
-        exponent, thickness, film = self._parameters[5:8]
+        made_of = self._parameters
         given: dict[str, Any] = {
-            **dict(zip(self._colours, self._parameters[2:5], strict=False)),
-            "exponent": exponent,
+            **dict(zip(self._colours, (made_of.a, made_of.b, made_of.c), strict=False)),
+            "exponent": made_of.exponent,
             "alpha": self._alpha,
             "retroreflectivity": self._retro,
             "distribution": name_of(self._distribution, DISTRIBUTIONS),
             "masking": name_of(self._masking, MASKINGS),
             "correlation": name_of(self._correlation, CORRELATIONS),
             "energy_compensation": name_of(self._compensation, COMPENSATIONS),
-            "thinfilm_thickness": thickness,
-            "thinfilm_ior": film,
+            "thinfilm_thickness": made_of.thinfilm_thickness,
+            "thinfilm_ior": made_of.thinfilm_ior,
             "scatter_mode": name_of(self._scatter, SCATTER_MODES),
             "retro_transmission": self._retro_transmission,
             "slope_correlation": self._rxy,
             "mean_slope": self._mean,
-            "tint": self._parameters[-1],
+            "tint": made_of.tint,
         }
         return call_of(type(self), given)
 
@@ -311,8 +314,7 @@ class Lobe:
     def _reflectance(self, cosine: Array, scheme: int) -> Array:
         """RGB reflectance from outside at cosines of shape (..., 1)."""
         padded = np.broadcast_to(cosine, (*cosine.shape[:-1], 3))
-        modes = list(self._modes)
-        modes[block.COMPENSATION] = scheme
+        modes = self._modes._replace(compensation=scheme)
         inputs = [np.array([0.0, 0.0, 1.0]), padded, *self._parameters]
         (result,), _ = run(kernels.REFLECTANCE, inputs, modes, [3], [self._table])
         return result
@@ -367,9 +369,23 @@ class Conductor(Lobe):
             np.zeros(3),
         )
         super().__init__(
-            CONDUCTOR, colours, 5.0, 1.0, alpha, retroreflectivity, distribution, masking, correlation,
-            energy_compensation, thinfilm_thickness, thinfilm_ior, "R", False, slope_correlation, mean_slope,
-        )  # fmt: skip
+            kind=CONDUCTOR,
+            colours=colours,
+            exponent=5.0,
+            tint=1.0,
+            alpha=alpha,
+            retroreflectivity=retroreflectivity,
+            distribution=distribution,
+            masking=masking,
+            correlation=correlation,
+            energy_compensation=energy_compensation,
+            thinfilm_thickness=thinfilm_thickness,
+            thinfilm_ior=thinfilm_ior,
+            scatter_mode="R",
+            retro_transmission=False,
+            slope_correlation=slope_correlation,
+            mean_slope=mean_slope,
+        )
 
 
 class Dielectric(Lobe):
@@ -411,10 +427,23 @@ class Dielectric(Lobe):
         index = scalar("ior", ior, 0.0, LARGEST_INDEX, open_low=True)
         colours = (np.broadcast_to(index, (*index.shape[:-1], 3)), np.zeros(3), np.zeros(3))
         super().__init__(
-            DIELECTRIC, colours, 5.0, tint, alpha, retroreflectivity, distribution, masking, correlation,
-            energy_compensation, thinfilm_thickness, thinfilm_ior, scatter_mode, retro_transmission,
-            slope_correlation, mean_slope,
-        )  # fmt: skip
+            kind=DIELECTRIC,
+            colours=colours,
+            exponent=5.0,
+            tint=tint,
+            alpha=alpha,
+            retroreflectivity=retroreflectivity,
+            distribution=distribution,
+            masking=masking,
+            correlation=correlation,
+            energy_compensation=energy_compensation,
+            thinfilm_thickness=thinfilm_thickness,
+            thinfilm_ior=thinfilm_ior,
+            scatter_mode=scatter_mode,
+            retro_transmission=retro_transmission,
+            slope_correlation=slope_correlation,
+            mean_slope=mean_slope,
+        )
 
 
 class GeneralizedSchlick(Lobe):
@@ -461,7 +490,20 @@ class GeneralizedSchlick(Lobe):
             colour("color90", color90, 0.0),
         )
         super().__init__(
-            SCHLICK, colours, exponent, 1.0, alpha, retroreflectivity, distribution, masking, correlation,
-            energy_compensation, thinfilm_thickness, thinfilm_ior, scatter_mode, retro_transmission,
-            slope_correlation, mean_slope,
-        )  # fmt: skip
+            kind=SCHLICK,
+            colours=colours,
+            exponent=exponent,
+            tint=1.0,
+            alpha=alpha,
+            retroreflectivity=retroreflectivity,
+            distribution=distribution,
+            masking=masking,
+            correlation=correlation,
+            energy_compensation=energy_compensation,
+            thinfilm_thickness=thinfilm_thickness,
+            thinfilm_ior=thinfilm_ior,
+            scatter_mode=scatter_mode,
+            retro_transmission=retro_transmission,
+            slope_correlation=slope_correlation,
+            mean_slope=mean_slope,
+        )

@@ -36,11 +36,30 @@ RESOLUTION = 32
 def _integrated(v: Array, alpha: Array, distribution: int, masking: int, correlation: int) -> Array:
     """E by quadrature, of a lobe with F = 1."""
     # Total reflection inside a dense dielectric: F is 1 and its formula is not asked.
-    index, one, zero = np.full(3, 1e6), np.ones(1), np.zeros(1)
-    white = [
-        alpha, zero, index, np.zeros(3), np.zeros(3), 5.0 * one, zero, one, zero, np.zeros(2), np.ones(3)
-    ]  # fmt: skip
-    modes = [DIELECTRIC, distribution, masking, correlation, formulas.NONE, block.REFLECT, 0, 0, 1]
+    white = block.Parameters(
+        alpha=alpha,
+        retroreflectivity=np.zeros(1),
+        a=np.full(3, 1e6),
+        b=np.zeros(3),
+        c=np.zeros(3),
+        exponent=np.full(1, 5.0),
+        thinfilm_thickness=np.zeros(1),
+        thinfilm_ior=np.ones(1),
+        slope_correlation=np.zeros(1),
+        mean_slope=np.zeros(2),
+        tint=np.ones(3),
+    )
+    modes = block.Modes(
+        kind=DIELECTRIC,
+        distribution=distribution,
+        masking=masking,
+        correlation=correlation,
+        compensation=formulas.NONE,
+        scatter=block.REFLECT,
+        retro_transmission=0,
+        skewed=0,
+        fifth=1,
+    )
     tables = [np.ones((2, 2)), quadrature_nodes(RESOLUTION)]
     (albedo,), _ = run(kernels.INTEGRATE, [-v, np.zeros(3), *white], modes, [3], tables)
     return np.asarray(albedo[..., 0])

@@ -565,8 +565,18 @@ def filtered_samples(
         samples: how many.
         levels: how many mip levels the host says that the map has.
     """
-    alpha, retro, *colours, exponent, film, film_index = lobe._parameters[:8]
-    inputs = [v, axes.reshape(-1, 9), alpha, retro, *colours, exponent, film, film_index]
+    made_of, modes = lobe._parameters, lobe._modes
+    inputs = [
+        *(v, axes.reshape(-1, 9), made_of.alpha, made_of.retroreflectivity),
+        *(
+            made_of.a,
+            made_of.b,
+            made_of.c,
+            made_of.exponent,
+            made_of.thinfilm_thickness,
+            made_of.thinfilm_ior,
+        ),
+    ]
     tables = [
         spherical_fibonacci(samples),
         around.texels,
@@ -575,7 +585,8 @@ def filtered_samples(
         _limits(levels, driver),
     ]
     inputs = [np.broadcast_to(each, (len(v), each.shape[-1])) for each in inputs]
-    (value, most, usual, white), _ = run(SUM_SAMPLES, inputs, lobe._modes[:3], [3, 3, 3, 3], tables)
+    decided = [modes.kind, modes.distribution, modes.masking]
+    (value, most, usual, white), _ = run(SUM_SAMPLES, inputs, decided, [3, 3, 3, 3], tables)
     return Sum(value, most, usual, white)
 
 
@@ -599,8 +610,8 @@ def split_sum_albedo(lobe: Lobe, v: Array) -> Array:
     alpha = np.sqrt(lobe._alpha[..., :1] * lobe._alpha[..., 1:])
     a, b = split_sum(("ggx", "smith"), cosine, alpha)
     f0 = lobe._reflectance(np.ones(1), lobe._compensation)
-    film = lobe._parameters[6] > 0.0
-    f90 = np.where(film, 1.0, lobe._parameters[4]) if lobe._kind == SCHLICK else np.ones(3)
+    film = lobe._parameters.thinfilm_thickness > 0.0
+    f90 = np.where(film, 1.0, lobe._parameters.c) if lobe._kind == SCHLICK else np.ones(3)
     fitted = f0 * a + f90 * b
     if not film.any():
         return np.asarray(fitted)

@@ -68,6 +68,7 @@ from .block import (
     VISIBLE,
     VX,
     D,
+    Parameters,
     ask_ahead,
     clear,
     load_directions,
@@ -80,7 +81,7 @@ from .fresnel import CONDUCTOR, DIELECTRIC
 from .sampling import sample_normal, sample_visible_smith
 from .single import draw_one, scattered
 
-INPUTS = 14
+INPUTS = 2 + len(Parameters._fields) + 1
 SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 
 

@@ -136,9 +136,10 @@ def _fitted_albedo(lobe: Lobe, view: Array, light: Array | None) -> Array:
     mean_alpha = np.sqrt(lobe._alpha[..., :1] * lobe._alpha[..., 1:])
     a, b = split_sum(lobe._fit_pair(), cosine, mean_alpha)
     if lobe._kind == SCHLICK:
-        f0, f90 = lobe._parameters[2], lobe._parameters[4]
+        f0, f90 = lobe._parameters.a, lobe._parameters.c
     else:
-        f0 = ((lobe._parameters[2] - 1.0) / (lobe._parameters[2] + 1.0)) ** 2
+        index = lobe._parameters.a
+        f0 = ((index - 1.0) / (index + 1.0)) ** 2
         f90 = np.ones(3)
     bare = f0 * a + f90 * b
 

@@ -256,9 +256,9 @@ class HostIndex(NamedTuple):
 def host_index(lobe: Lobe) -> HostIndex:
     """The index that MaterialX refracts with."""
     if lobe._kind == DIELECTRIC:
-        return HostIndex(lobe._parameters[2][..., :1], np.zeros(1))
+        return HostIndex(lobe._parameters.a[..., :1], np.zeros(1))
     # Of the mean of the three colours, three roundings, and a root; what it lacks of 1 divides.
-    mean = np.mean(lobe._parameters[2], axis=-1, keepdims=True)
+    mean = np.mean(lobe._parameters.a, axis=-1, keepdims=True)
     root = np.sqrt(np.clip(mean, 0.01, 0.99))
     return HostIndex((1.0 + root) / (1.0 - root), 4.0 * UNIT + 4.0 * UNIT / (1.0 - root))
 
@@ -289,8 +289,11 @@ def refracted_samples(
         retro: the share `(n, 1)` or `(1,)` of the mirrored view.
         v, axes, samples, levels: as `image_light.filtered_samples` has them.
     """
-    alpha, _, *colours, exponent, film, film_index = lobe._parameters[:8]
-    inputs = [v, axes.reshape(-1, 9), alpha, retro, *colours, exponent, film, film_index, *index]
+    made_of = lobe._parameters
+    inputs = [
+        *(v, axes.reshape(-1, 9), made_of.alpha, retro, made_of.a, made_of.b, made_of.c),
+        *(made_of.exponent, made_of.thinfilm_thickness, made_of.thinfilm_ior, *index),
+    ]
     tables = [
         spherical_fibonacci(samples),
         around.texels,
@@ -300,7 +303,7 @@ def refracted_samples(
         _limits(levels, driver),
     ]
     inputs = [np.broadcast_to(each, (len(v), each.shape[-1])) for each in inputs]
-    (value, most, usual, white), _ = run(SUM_REFRACTED, inputs, lobe._modes[:1], [3, 3, 3, 3], tables)
+    (value, most, usual, white), _ = run(SUM_REFRACTED, inputs, [lobe._modes.kind], [3, 3, 3, 3], tables)
     return Sum(value, most, usual, white)
 
 
@@ -356,8 +359,8 @@ def transmitted_share(lobe: Lobe, v: Array, by_albedo: bool) -> tuple[Array, Arr
         if not by_albedo:
             return np.asarray(mirror * cosine / np.sqrt(alpha**2 + (1.0 - alpha**2) * cosine**2))
         a, b = split_sum(("ggx", "smith"), cosine, alpha)
-        f0, film = unclamped_reflectance(lobe, np.ones(1)), lobe._parameters[6] > 0.0
-        f90 = np.where(film, 1.0, lobe._parameters[4]) if lobe._kind == SCHLICK else np.ones(3)
+        f0, film = unclamped_reflectance(lobe, np.ones(1)), lobe._parameters.thinfilm_thickness > 0.0
+        f90 = np.where(film, 1.0, lobe._parameters.c) if lobe._kind == SCHLICK else np.ones(3)
         fitted = f0 * a + f90 * b
         return np.asarray(np.where(film, mirror + (fitted - mirror) * np.sqrt(alpha), fitted))
 
@@ -371,6 +374,6 @@ def unclamped_reflectance(lobe: Lobe, cosine: Array) -> Array:
     clamped = lobe._reflectance(cosine, lobe._compensation)
     if lobe._kind != SCHLICK:
         return np.asarray(clamped)
-    f0, f82, f90, exponent, film = lobe._parameters[2:7]
-    curve = np.vectorize(schlick_curve)(cosine, f0, f82, f90, exponent)
-    return np.asarray(np.where(film > 0.0, clamped, curve))
+    made_of = lobe._parameters
+    curve = np.vectorize(schlick_curve)(cosine, made_of.a, made_of.b, made_of.c, made_of.exponent)
+    return np.asarray(np.where(made_of.thinfilm_thickness > 0.0, clamped, curve))

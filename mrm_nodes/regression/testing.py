@@ -212,7 +212,7 @@ class Session:
         provenance = {
             "inputs": baseline.fingerprint(case),
             "setup": case.describe(),
-            "tolerance": case.tolerance.asked(),
+            "tolerance": case.tolerance.limits(),
             "backend": outcome.backend,
             "driver": _driver(outcome.backend),
             "versions": versions(),

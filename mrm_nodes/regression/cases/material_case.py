@@ -150,21 +150,21 @@ class MaterialCase:
         """What it is, for the report; the same wherever the suite lies."""
         around = self.environment
         if around is not None and not _is_built_in(around):
-            around = replace(around, name=self._told(around.name))
+            around = replace(around, name=self._described(around.name))
         return {
-            "material": self._told(self.material),
+            "material": self._described(self.material),
             "element": self.element,
             "truth": self.truth,
             "reason": self.reason,
-            "inputs": {name: self._told_value(value) for name, value in self.inputs.items()},
-            "mesh": self.mesh if self.mesh in BUILT_IN else self._told(self.mesh),
+            "inputs": {name: self._described_value(value) for name, value in self.inputs.items()},
+            "mesh": self.mesh if self.mesh in BUILT_IN else self._described(self.mesh),
             "camera": repr(self.camera),
             "lights": [repr(light) for light in self.lights],
             "environment": None if around is None else repr(around),
             "size": list(self.size),
-            "tolerance": self.tolerance.asked(),
-            "mask": self.mask and self._told(self.mask),
-            "baselines": self._told(self.baselines),
+            "tolerance": self.tolerance.limits(),
+            "mask": self.mask and self._described(self.mask),
+            "baselines": self._described(self.baselines),
             "allow_external": self.allow_external,
             # Without them a case is told as before they could be asked for: its stored image stays accepted.
             **({} if self.max_lights is None else {"max_lights": self.max_lights}),
@@ -172,13 +172,13 @@ class MaterialCase:
             **({} if self.layering == "materialx" else {"layering": self.layering}),
         }
 
-    def _told(self, name: str) -> str:
+    def _described(self, name: str) -> str:
         """A file's name as its description has it."""
         if name in self.fixed:
             return str((self.origin or self.root) / name)
         return name if self.home == "." else os.path.relpath(name, self.home)
 
-    def _told_value(self, value: Value) -> Value:
+    def _described_value(self, value: Value) -> Value:
         """A value of an input; a file of the suite's folder that it names absolutely is named as any other."""
         if not isinstance(value, str):
             return value
@@ -287,7 +287,7 @@ def _compare(
     case: MaterialCase, expected: _Expected, mask: NDArray[np.bool_], outcome: Outcome
 ) -> tuple[Array | None, Array | None]:
     """Complete an outcome's verdict; return `used` and `flip`, `(h, w)`, as `write_pictures` takes them."""
-    if expected.bounds is not None and not case.tolerance.asked():
+    if expected.bounds is not None and not case.tolerance.limits():
         image, truth = np.asarray(expected.image)[mask], np.asarray(expected.truth)[mask]
         outcome.verdict, outcome.figures = compare(image, truth, expected.bounds)
         outcome.tolerance = expected.bounds.loosest()
@@ -295,10 +295,10 @@ def _compare(
             outcome.message = why_undecided(outcome.figures)
         used = np.max(relative_error(image, truth) / expected.bounds.max_rel, axis=-1)
         return _spread(used, mask), None
-    asked = case.tolerance if case.tolerance.asked() else expected.tolerance
-    compared = compare_images(expected.image, expected.truth, mask, asked)
+    tolerance = case.tolerance if case.tolerance.limits() else expected.tolerance
+    compared = compare_images(expected.image, expected.truth, mask, tolerance)
     outcome.verdict, outcome.figures = compared.verdict, compared.figures
-    outcome.tolerance = asked.asked()
+    outcome.tolerance = tolerance.limits()
     return compared.used, compared.flip
 
 

@@ -148,13 +148,13 @@ def print_summary(report: Mapping[str, Any], page: Path, console: Console | None
     if worst:
         console.print("the worst:")
         console.print(_worst(worst))
-    told = layering_told(cases)
-    if told:
-        console.print(escape(told), soft_wrap=True)
+    line = layering_line(cases)
+    if line:
+        console.print(escape(line), soft_wrap=True)
     console.print(f"report: {escape(str(page))}", soft_wrap=True)
 
 
-def layering_told(cases: Sequence[Mapping[str, Any]]) -> str:
+def layering_line(cases: Sequence[Mapping[str, Any]]) -> str:
     """What the host's rule of layering costs the cases that were to tell it, or nothing."""
     compared = (case for case in cases if case["verdict"] != "error" and "layering" in case["details"])
     told = [(case["details"]["layering"], case["name"]) for case in compared]

@@ -21,7 +21,7 @@ from typing import Any
 
 from mrm_nodes.errors import MrmError
 from mrm_nodes.files import write_plainly
-from mrm_nodes.regression.cases import digests as inputs
+from mrm_nodes.regression.cases import digests
 from mrm_nodes.regression.run.journal import is_inside
 from mrm_nodes.regression.run.pool import Judged, Lost, WorkerProcess, estimate
 from mrm_nodes.regression.verdict.outcome import (
@@ -141,7 +141,7 @@ class Order:
     digests: Mapping[str, str]
     """By absolute path, of the files that are there."""
     conditions: str
-    """The digest of `inputs.conditions`: a worker with others would give other results."""
+    """The digest of `digests.conditions`: a worker with others would give other results."""
     time_limit: float
 
 
@@ -166,7 +166,7 @@ def run_on(
     tasks: Sequence[Task],
     backend: str,
     scratch: Path,
-    files: inputs.Inputs,
+    files: digests.Inputs,
     around: Mapping[str, str],
     time_limit: float,
     seconds: Callable[[Task], float] = estimate,
@@ -176,13 +176,13 @@ def run_on(
     Args:
         scratch: an existing folder for what comes back.
         files: the tasks' files by content.
-        around: the conditions that every worker must have; see `inputs.conditions`.
+        around: the conditions that every worker must have; see `digests.conditions`.
         time_limit, seconds: as in `run_locally`.
 
     Raises:
         MrmError: the executor is broken.
     """
-    expected = inputs.digest_of(dict(around))
+    expected = digests.digest_of(dict(around))
     waiting = deque(sorted(tasks, key=seconds, reverse=True))
     flying: dict[Future[Any], Task] = {}
     lost: Counter[str] = Counter()
@@ -190,7 +190,7 @@ def run_on(
 
     def submit(task: Task, wanted: frozenset[str] = frozenset()) -> None:
         known = {str(path): files.digest(path) for path in task.files()}
-        known = {path: each for path, each in known.items() if each != inputs.MISSING}
+        known = {path: each for path, each in known.items() if each != digests.MISSING}
         contents: dict[str, Any] = {}
         for path, each in known.items():
             if cluster.ship is not None:
@@ -255,20 +255,20 @@ class ShippedFiles:
         self._lock = threading.Lock()
         self.root = Path(self._folder.name)
 
-    def missing(self, digests: Mapping[str, str], contents: Mapping[str, bytes]) -> frozenset[str]:
+    def missing(self, files: Mapping[str, str], contents: Mapping[str, bytes]) -> frozenset[str]:
         """Those contents that are neither here nor given."""
         return frozenset(
-            each for each in digests.values() if each not in contents and not (self.root / each).is_file()
+            each for each in files.values() if each not in contents and not (self.root / each).is_file()
         )
 
-    def lay_out(self, digests: Mapping[str, str], contents: Mapping[str, bytes]) -> Path:
+    def lay_out(self, files: Mapping[str, str], contents: Mapping[str, bytes]) -> Path:
         """A folder that has the files below it as they lie below the root of the machine that they come from."""
         with self._lock:
             for each, data in contents.items():
                 if not (self.root / each).is_file():
                     (self.root / each).write_bytes(data)
-            tree = self.root / "trees" / inputs.digest_of(dict(digests))
-            for path, each in digests.items():
+            tree = self.root / "trees" / digests.digest_of(dict(files))
+            for path, each in files.items():
                 file = tree / Path(path).relative_to(Path(path).anchor)
                 if not file.exists():
                     file.parent.mkdir(parents=True, exist_ok=True)
@@ -294,7 +294,7 @@ def judge_elsewhere(order: Order, contents: Mapping[str, bytes]) -> Result | Mis
         return MissingContents(missing)
     tree = store.lay_out(order.digests, contents)
     with tempfile.TemporaryDirectory(dir=store.root) as scratch:
-        root = inputs.root_of(order.task)
+        root = digests.root_of(order.task)
         task = order.task.moved(tree / root.relative_to(root.anchor)) if order.digests else order.task
         outcome, warned = _judge(order, task, Path(scratch))
         found = sorted(file for file in Path(scratch).rglob("*") if file.is_file())
@@ -313,7 +313,7 @@ def _judge(order: Order, task: Task, folder: Path) -> tuple[Outcome, list[str]]:
         try:
             if not process.driver:
                 process.driver = process.wait_for_answer()
-            if inputs.digest_of(inputs.conditions(process.driver)) != order.conditions:
+            if digests.digest_of(digests.conditions(process.driver)) != order.conditions:
                 reason = "this worker has other versions, another OpenGL or another source than the run"
                 idle.append(process)
                 return outcome_of(task, order.backend, "error", message=reason, fault="worker"), []

@@ -13,8 +13,7 @@ from mrm_nodes import compiling
 from mrm_nodes.allowance import limit_memory, out_of_memory
 from mrm_nodes.errors import MrmError, MrmWarning
 from mrm_nodes.processes import end_with_parent
-from mrm_nodes.regression.cases import cloud, material_case
-from mrm_nodes.regression.cases import digests as inputs
+from mrm_nodes.regression.cases import cloud, digests, material_case
 from mrm_nodes.regression.cases.workshop import Workshop
 from mrm_nodes.regression.run.pool import Compiled, Compiling
 from mrm_nodes.regression.verdict.outcome import Outcome, Task, fault_of, outcome_of
@@ -110,10 +109,10 @@ def serve(descriptor: int, backend: str, evaluates: bool) -> None:
             with warnings.catch_warnings(record=True) as caught:
                 warnings.simplefilter("always", MrmWarning)
                 outcome = worker.run(task, folder)
-            connection.send((outcome, _told(caught, task), worker.is_sound))
+            connection.send((outcome, _messages(caught, task), worker.is_sound))
 
 
-def _told(caught: Sequence[warnings.WarningMessage], task: Task) -> list[str]:
+def _messages(caught: Sequence[warnings.WarningMessage], task: Task) -> list[str]:
     """The texts of our own warnings, each once; files are named as their task names them."""
     own = [str(each.message) for each in caught if issubclass(each.category, MrmWarning)]
-    return list(dict.fromkeys(text.replace(f"{inputs.root_of(task)}/", "") for text in own))
+    return list(dict.fromkeys(text.replace(f"{digests.root_of(task)}/", "") for text in own))

@@ -13,7 +13,7 @@ from typing import TypeVar
 from mrm_nodes.errors import MrmError
 from mrm_nodes.regression.cases.builtin import MapLight, default_suite, more_image_lights
 from mrm_nodes.regression.cases.cloud import Cloud
-from mrm_nodes.regression.cases.material_case import Layering, MaterialCase, Method
+from mrm_nodes.regression.cases.material_case import Layering, MaterialCase, Method, read
 from mrm_nodes.regression.cases.textured import (
     more_surrounded_cases,
     more_textured_cases,
@@ -21,6 +21,7 @@ from mrm_nodes.regression.cases.textured import (
     textured_cases,
     transmitting_cases,
 )
+from mrm_nodes.regression.truth.closure import closure_of, has_layers
 from mrm_nodes.regression.truth.material import NODES, PAIRS
 from mrm_nodes.regression.verdict.outcome import Task
 
@@ -89,7 +90,7 @@ def suite(
             *surrounded_cases(),
             *default_suite(),
         ]
-        return [_told(task, layering or "materialx") for task in tasks]
+        return [_with_layering(task, layering or "materialx") for task in tasks]
     path = Path(name)
     if not path.is_dir() and path.suffix != ".toml":
         near = difflib.get_close_matches(name[:100], BUILT_IN)
@@ -100,9 +101,12 @@ def suite(
     return list(load(path, allow_external, layering).cases)
 
 
-def _told(task: Task, layering: Layering) -> Task:
-    """A task of our own that is told what its layers cost, where it may have any."""
-    return replace(task, layering=layering) if isinstance(task, MaterialCase) else task
+def _with_layering(task: Task, layering: Layering) -> Task:
+    """A task of our own that is told what its layers cost, where it has any."""
+    if layering == "materialx" or not isinstance(task, MaterialCase):
+        return task
+    has_any = has_layers(closure_of(read(task), task.element).tree)
+    return replace(task, layering=layering) if has_any else task
 
 
 def choose(tasks: Sequence[AnyTask], expression: str | None) -> list[AnyTask]:

@@ -182,9 +182,9 @@ class _Maker:
         return Suite(self._path, self._table.title, rooted, tuple(dict.fromkeys(self._broken)))
 
     def _note(self, fault: Fault) -> None:
-        self._faults.append(self._told(fault.keys, fault.message))
+        self._faults.append(self._located(fault.keys, fault.message))
 
-    def _told(self, keys: tuple[str | int, ...], message: str) -> str:
+    def _located(self, keys: tuple[str | int, ...], message: str) -> str:
         return f"{self._where(keys)}: {message}"
 
     def _check_names(self) -> None:
@@ -313,7 +313,7 @@ class _Maker:
         truth, reason, is_layered = self._truth(here, material, element, inputs, settings)
         wrong = self._wrong(material, element)
         if wrong:
-            self._broken.append(self._told((*here, "material"), wrong))
+            self._broken.append(self._located((*here, "material"), wrong))
         return MaterialCase(
             name=name,
             root=self._folder,

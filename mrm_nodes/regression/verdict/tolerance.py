@@ -25,7 +25,7 @@ SEEN = ("flip",) if importlib.util.find_spec("flip_evaluator") else ()
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What an image may differ by; None is not asked for.
+    """What an image may differ by; None sets no threshold.
 
     Raises:
         MrmError: a threshold that is no number, negative, or not finite.
@@ -49,8 +49,8 @@ class Tolerance:
             if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
                 raise MrmError(f"tolerance {name} is {value!r}; it is a number, 0 or more")
 
-    def asked(self) -> dict[str, float]:
-        """The thresholds that are asked for, by name."""
+    def limits(self) -> dict[str, float]:
+        """The thresholds that are set, by name."""
         return {name: float(value) for name, value in vars(self).items() if value is not None}
 
 
@@ -84,8 +84,8 @@ def compare_images(
         MrmError: nothing can be said: no threshold, no pixels, shapes that differ, or a reference that is not
             finite.
     """
-    asked = tolerance.asked()
-    if not asked:
+    limits = tolerance.limits()
+    if not limits:
         raise MrmError("the tolerance asks for nothing: give max_rel, p999_rel, rmse, flip or hdr_flip")
     pixels = np.asarray(image, np.float64)
     truth = np.asarray(reference, np.float64)
@@ -94,22 +94,22 @@ def compare_images(
 
     measured, maps = _measure(pixels[covered], truth[covered]), {}
     for name, perceive in _perceivers().items():
-        if name in asked or name in shown:
+        if name in limits or name in shown:
             maps[name] = perceive(pixels, truth, covered)
             measured[name] = float(np.mean(maps[name][covered]))
-    worst_map = max(maps, key=lambda name: _share(measured[name], asked.get(name, np.inf)), default=None)
+    worst_map = max(maps, key=lambda name: _share(measured[name], limits.get(name, np.inf)), default=None)
     figures = Figures(
         max_abs=_magnitude(pixels[covered] - truth[covered]),
         **measured,
-        used=max(_share(measured[name], threshold) for name, threshold in asked.items()),
+        used=max(_share(measured[name], threshold) for name, threshold in limits.items()),
         pixels=int(covered.sum()),
         lit=int((truth[covered] > 0).any(axis=-1).sum()),
     )
-    is_kept = all(measured[name] <= threshold for name, threshold in asked.items())
+    is_kept = all(measured[name] <= threshold for name, threshold in limits.items())
     return Comparison(
         "pass" if is_kept and np.isfinite(pixels[covered]).all() else "fail",
         figures,
-        _used(pixels, truth, covered, asked),
+        _used(pixels, truth, covered, limits),
         maps[worst_map] if worst_map else None,
     )
 
@@ -150,14 +150,14 @@ def _perceivers() -> dict[str, _Perceiver]:
     return {"flip": perceptual.flip_map, "hdr_flip": perceptual.hdr_flip_map}
 
 
-def _used(image: Array, reference: Array, mask: NDArray[np.bool_], asked: dict[str, float]) -> Array | None:
+def _used(image: Array, reference: Array, mask: NDArray[np.bool_], limits: dict[str, float]) -> Array | None:
     """What each pixel uses of the bound on the worst value; else on the percentile; else, alone, on the mean square."""
-    if "max_rel" in asked or "p999_rel" in asked:
+    if "max_rel" in limits or "p999_rel" in limits:
         size = np.max(relative_error(image, reference), axis=-1)
-        bound = asked.get("max_rel", asked.get("p999_rel", 0.0))
-    elif "rmse" in asked:
+        bound = limits.get("max_rel", limits.get("p999_rel", 0.0))
+    elif "rmse" in limits:
         size = np.sqrt(np.sum((image - reference) ** 2, axis=-1) / (3 * mask.sum()))
-        bound = asked["rmse"]
+        bound = limits["rmse"]
     else:
         return None
     with np.errstate(divide="ignore", invalid="ignore"):

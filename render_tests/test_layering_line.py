@@ -11,7 +11,7 @@ import pytest
 
 from mrm_nodes import cli
 from mrm_nodes.regression.cases.digests import Inputs, key
-from mrm_nodes.regression.report.terminal import layering_told
+from mrm_nodes.regression.report.terminal import layering_line
 from mrm_nodes.regression.run.cluster import Cluster
 from mrm_nodes.regression.run.runner import run_suite
 from mrm_nodes.regression.suites import selection as suites
@@ -111,10 +111,10 @@ def test_cases_with_layers_tell_it_beside_their_verdict(first):
         )
     assert "image_light" in cases["around"]["details"]
     assert "layering" not in cases["paper"]["setup"] and "layering" not in cases["stored"]["setup"]
-    line = layering_told(list(cases.values()))
+    line = layering_line(list(cases.values()))
     assert line.startswith("MaterialX's layering differs from the exact rule by at most ")
     assert line.endswith(", in 3 cases with layers")
-    assert layering_told([cases["paper"]]) == ""
+    assert layering_line([cases["paper"]]) == ""
 
 
 def test_every_way_to_run_tells_the_same(first, home: Path, working_backend: str, tmp_path: Path):

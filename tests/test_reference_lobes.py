@@ -621,6 +621,15 @@ def test_the_narrowest_lobe_is_finite_down_to_the_horizon(distribution, masking)
         assert np.isfinite(lobe.eval(v, l)).all() and np.isfinite(lobe.pdf(v, l)).all()
 
 
+def test_a_film_on_what_is_like_air_reflects_all_at_the_horizon():
+    """Both of its interfaces do, and nothing is left to divide by what is."""
+    lobe = ref.Conductor(1.0, 0.0, 1.0, masking="vcavity", thinfilm_thickness=250.0, thinfilm_ior=1.33)
+    np.testing.assert_allclose(lobe.reflectance([1e-20, 1e-38, 0.0]), 1.0, atol=1e-12)
+    grazing = np.array([1.0, 0.0, 1e-38])
+    sample = lobe.sample(grazing, (0.0, 0.0, 0.0))
+    assert np.isfinite(sample.weight).all() and np.isfinite(lobe.eval(grazing, sample.l)).all()
+
+
 def test_layers_do_what_materialx_says():
     v, l = np.array([0.6, 0.0, 0.8]), np.array([0.0, 0.6, 0.8])  # noqa: E741
     coat = ref.Leaf(

@@ -84,7 +84,8 @@ def phase_shifts(cosine: float, near: float, n: float, k: float) -> tuple[float,
 def _series(reflectance: float, under: float, path: float, phase: float, channel: int) -> float:
     """One polarisation of the Airy sum: its mean and the first terms of its oscillation (eqs. 3 and 11)."""
     through = 1.0 - reflectance
-    mean = through * through * under / (1.0 - reflectance * under)
+    # Where both interfaces reflect all, nothing is through the first.
+    mean = through * through * under / max(1.0 - reflectance * under, 1e-300)
     amplitude = math.sqrt(max(reflectance * under, 0.0))
     total = reflectance + mean
     factor = mean - through

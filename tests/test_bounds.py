@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from test_material_case import case_of, write
 
+from mrm_nodes.regression.cases.material_case import EnvironmentMap
 from mrm_nodes.regression.run.worker import Worker
 from mrm_nodes.regression.truth import closure, physics
 from mrm_nodes.regression.truth.closure import LobeNode, Nothing, Port, Tree, lobes
@@ -220,6 +221,29 @@ def test_a_material_too_narrow_for_float32_is_undecided_and_says_why(worker: Wor
     outcome = worker.run(case_of(path), tmp_path / "report")
     assert outcome.verdict == "undecided"
     assert "narrow" in outcome.message or "nothing is lit" in outcome.message
+
+
+@pytest.mark.parametrize("around", [None, EnvironmentMap("sky", (("samples", 16),))])
+def test_a_film_of_a_colours_own_index_is_undecided_and_says_why(
+    around: EnvironmentMap | None, worker: Worker, tmp_path: Path
+):
+    """Rounding decides about half a turn of phase, which an image may show or not."""
+    rng = np.random.default_rng(1)
+    for number in range(3):
+        root = np.sqrt(np.float32(rng.uniform(0.02, 0.3)))
+        index, color = np.float32((1 + root) / (1 - root)), np.float32(root * root)
+        text = f"""<mrm_generalized_schlick_bsdf name="b" type="BSDF">
+<input name="color0" type="color3" value="0.3, {color:.9g}, 0.1" />
+<input name="roughness" type="vector2" value="0.3, 0.3" />
+<input name="thinfilm_thickness" type="float" value="400" />
+<input name="thinfilm_ior" type="float" value="{index:.9g}" /></mrm_generalized_schlick_bsdf>
+<surface name="s" type="surfaceshader"><input name="bsdf" type="BSDF" nodename="b" /></surface>"""
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        case = case_of(write(folder, text + MATERIAL), environment=around)
+        lights = case.lights if around is None else ()
+        outcome = worker.run(replace(case, size=(12, 12), lights=lights), tmp_path / "report")
+        assert outcome.verdict == "undecided" and "a film of a colour's own index" in outcome.message
 
 
 def test_an_image_of_which_nothing_is_lit_is_undecided():

@@ -14,6 +14,7 @@ from mrm_nodes.library import host
 from mrm_nodes.reference import image_light, refracted_light
 from mrm_nodes.reference.image_light import AXES, UNIT, VIEW, Driver, Map, Sum
 from mrm_nodes.regression.truth.environment_reference import compensation, view_in
+from mrm_nodes.regression.truth.fresnel_errors import phase_jumps
 from mrm_nodes.regression.truth.material import as_float32
 from mrm_nodes.regression.truth.reference_image import evaluator
 from mrm_nodes.regression.verdict.compare import fresnel_bounds, lobe_bounds
@@ -116,6 +117,7 @@ def lobe_sum(
     )
     return _scaled(
         found,
+        node,
         values,
         values["distribution"],
         factor * tint * around.environment.intensity,
@@ -124,14 +126,22 @@ def lobe_sum(
 
 
 def _scaled(
-    found: Sum, values: Mapping[str, Any], distribution: str, scale: Array, of_factor: Array | float = 0.0
+    found: Sum,
+    node: str,
+    values: Mapping[str, Any],
+    distribution: str,
+    scale: Array,
+    of_factor: Array | float = 0.0,
 ) -> Sum:
     """A sum times a scale, its bounds with those of the lobe's arithmetic and Fresnel factor; of_factor: by how much
     the scale changes with that factor, relative to it."""
     arithmetic = lobe_bounds(1.0, distribution)
     of_fresnel = fresnel_bounds(as_float32(values["thinfilm_thickness"]), as_float32(values["thinfilm_ior"]))
 
+    jumps = phase_jumps(node, values)
+
     def allowed(error: Array, relative: Array, fresnel: Array) -> Array:
+        fresnel = np.where(jumps, 1.0, fresnel)
         wrong = error + np.abs(found.value) * (relative + fresnel * of_factor) + found.white * fresnel
         return np.asarray(wrong * scale)
 
@@ -216,7 +226,7 @@ def transmitted_sum(
         size, wrong = np.abs(share), seen.value * of_share
         found = Sum(seen.value * share, seen.most * size + wrong, seen.usual * size + wrong, seen.value)
     tint = np.maximum(as_float32(values.get("tint", 1.0)), 0.0)
-    return _scaled(found, values, "ggx", tint * around.environment.intensity)
+    return _scaled(found, node, values, "ggx", tint * around.environment.intensity)
 
 
 def diffuse_sum(

@@ -376,8 +376,8 @@ def why_undecided(figures: Figures) -> str:
     if figures.lit == 0:
         return "nothing is lit, and a black image would pass: turn the light or the camera"
     return (
-        "an image 10 % off would pass: its lobes are too narrow for float32, or too dark; give it a larger roughness, "
-        "or more light"
+        "an image 10 % off would pass: its lobes are too narrow for float32, too dark, or under a film of a colour's "
+        "own index; give it a larger roughness, more light, or another film"
     )
 
 

@@ -87,6 +87,15 @@ def test_one_point_more_than_chance_allows_fails(points):
     assert figures.used == pytest.approx(3.0)
 
 
+def test_points_of_which_float32_says_nothing_do_not_add_to_what_chance_allows():
+    bound = np.full((4000, 3), 1e-5)
+    bound[188:] = 10.0
+    image = scene()
+    image[:4] *= 1.0 + 3e-5
+    bounds = Bounds(np.full((4000, 3), 1e-4), bound)
+    assert compare(image, scene(), bounds)[0] == "fail"
+
+
 def test_points_without_light_do_not_add_to_what_chance_allows():
     image, wanted = np.zeros((1_000_000, 3)), np.zeros((1_000_000, 3))
     wanted[:188] = scene(188)

@@ -314,8 +314,8 @@ def compare(image: ArrayLike, reference: ArrayLike, bounds: Bounds) -> tuple[Ver
     return ("pass" if notices <= NOTICED else "undecided"), figures
 
 
-def _lit(reference: Array) -> int:
-    """Points whose reference is above zero."""
+def _lit(reference: NDArray[Any]) -> int:
+    """Points with a value above zero, `(n, 3)`."""
     return int(np.logical_or.reduce([channel > 0 for channel in reference.T]).sum())
 
 
@@ -324,12 +324,19 @@ def share_of_usual(error: Array, reference: Array, bound: float | Array) -> floa
 
     error, reference: `(n, 3)`; bound: a scalar, `(n, 1)` or `(n, 3)`.
     """
-    above = error.shape[-1] * beyond_by_chance(_lit(reference))
+    above = _allowed_beyond(reference, bound)
     if above >= error.size:
         return 0.0
     if np.ndim(bound) == 0:
         return float(_largest_but(error, above) / bound)
     return _largest_but(error / bound, above)
+
+
+def _allowed_beyond(reference: Array, bound: float | Array) -> int:
+    """How many values may be beyond the second bound: those of as many points as chance may put there. Points that are
+    lit count, and of which float32 says anything."""
+    counted = (reference > 0) & (np.asarray(bound) < 1.0)
+    return int(reference.shape[-1]) * beyond_by_chance(_lit(counted))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -367,7 +374,7 @@ def _notices(reference: Array, bounds: Bounds) -> float:
         for each in (bounds.max_rel, bounds.p999_rel)
     )
     enough = math.ceil(NOTICED_SHARE * len(scale)) - 1
-    beyond = max(enough, values.shape[-1] * beyond_by_chance(_lit(values)))
+    beyond = max(enough, _allowed_beyond(values, bounds.p999_rel))
     return float(min(most[enough], usual[beyond] if beyond < len(usual) else math.inf))
 
 

@@ -93,7 +93,7 @@ class Outcome:
     verdict: Verdict
     """What came of it; see `compare.VERDICTS`."""
     kind: str = "material"
-    """The task's: `image`, `cloud` or `material`."""
+    """The task's: `cloud` or `material`; in reports of before also `image`."""
     target: str = "glsl"
     """What its shader was generated for."""
     message: str = ""
@@ -101,7 +101,7 @@ class Outcome:
     fault: Fault = ""
     """What of the machine was at fault, where an error says nothing of the case: it is run again by --resume."""
     truth: str = "physics"
-    """What it was compared with: `physics` (the evaluator) or `baseline` (a stored image)."""
+    """What it was compared with: `physics` (the evaluator), `baseline` (a stored image) or `mirror`."""
     figures: Figures | None = None
     """The errors that were found."""
     tolerance: Mapping[str, float] = field(default_factory=dict)

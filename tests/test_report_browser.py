@@ -15,7 +15,7 @@ from mrm_nodes.regression.cases.builtin import default_suite
 from mrm_nodes.regression.cases.cloud import DECADES, MAP_ALPHAS, MAP_ANGLES, Cloud
 from mrm_nodes.regression.cases.pictures import write_pictures
 from mrm_nodes.regression.report.page import MOST_INSIDE, PIECE, figure, share, write_report
-from mrm_nodes.regression.verdict.compare import VERDICTS
+from mrm_nodes.regression.verdict.compare import VERDICTS, Figures
 from mrm_nodes.regression.verdict.outcome import Outcome, outcome_of
 from mrm_nodes.regression.verdict.tolerance import Tolerance, compare_images
 from mrm_nodes.render.images import read_image
@@ -797,6 +797,28 @@ def test_two_thousand_cases_are_a_few_hundred_elements(tmp_path, opened):
     expect(page.locator(".card b").get_by_text("case 1000", exact=True)).to_have_count(1)
     page.locator("#search").fill("case 0777")
     assert names(page) == ["case 0777"]
+
+
+def test_how_small_a_fault_the_cases_would_notice_is_counted_by_decade(tmp_path, browser):
+    case = default_suite()[0]
+    given = [3e-6, 1e-5, 2e-5, 5e-3, np.inf, None]
+    told = []
+    for number, notices in enumerate(given):
+        verdict = "undecided" if notices == np.inf else "pass"
+        figures = Figures(0.0, 0.0, 0.0, 0.0, 0.0, 1, 1, notices=notices)
+        told.append(outcome_of(case, "egl", verdict, figures=figures))
+        told[-1].name = f"case {number}"
+    write_report(tmp_path, ENVIRONMENT, told, 1.0)
+    page = Opened(browser, tmp_path).page
+    assert page.locator("#noticed .quiet").all_inner_texts()[1] == "0.001 % to 0.01 %"
+    # What has no bound of ours, as a stored image, is not counted.
+    assert page.locator("#noticed .number").all_inner_texts() == ["2", "1", "0", "1", "0", "1"]
+
+
+def test_without_a_bound_of_ours_nothing_is_said_of_faults(tmp_path, browser):
+    figures = Figures(0.0, 0.0, 0.0, 0.0, 0.0, 1, 1)
+    write_report(tmp_path, ENVIRONMENT, [outcome_of(default_suite()[0], "egl", "pass", figures=figures)], 1.0)
+    expect(Opened(browser, tmp_path).page.locator("#power")).to_be_hidden()
 
 
 @pytest.fixture

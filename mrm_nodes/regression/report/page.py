@@ -26,7 +26,19 @@ PIECES = "cases/records"
 PIECE = 100
 """Where the other records lie, and how many in a file."""
 
-_SHOWN = ("name", "kind", "node", "target", "backend", "truth", "verdict", "message", "used", "max_rel")
+_SHOWN = (
+    "name",
+    "kind",
+    "node",
+    "target",
+    "backend",
+    "truth",
+    "verdict",
+    "message",
+    "used",
+    "max_rel",
+    "notices",
+)
 
 TEMPLATES = Path(__file__).with_name("templates")
 SCRIPTS = ("pixels.js", "wall.js", "case.js", "main.js")

@@ -367,6 +367,9 @@ function makeTables() {
   byId("skips").hidden = !skipped.size;
   for (const [key, count] of skipped) byId("skips").append(el("div", {}, `${thousands(count)} skipped on ${key}`));
 
+  byId("power").hidden = !CASES.some(isNoticing);
+  byId("noticed").append(...powerRows().flat());
+
   const clouds = [...together(CASES.filter((each) => each.details.decades)).values()];
   byId("clouds").hidden = !clouds.length;
   byId("cloud-maps").append(...clouds.map(([each]) => cloudFigure(each)));
@@ -398,6 +401,21 @@ function pairFigures() {
     el("figure", {},
       pair.map((each) => el("a", { href: addressOf({ case: keyOf(each) }) }, el("img", { src: address(each.files.render), alt: `Render of ${each.name}` }))),
       el("figcaption", {}, el("b", {}, node), " retroreflectivity 0 and 1, each at its own exposure")));
+}
+
+// A fault that each case would have noticed, by its decade; a case that notices none of 10 % is in the last row.
+const FAULTS = [1e-5, 1e-4, 1e-3, 1e-2, 1e-1, Infinity];
+// What is compared with a stored image has a threshold of its suite's instead.
+const isNoticing = (each) => each.notices !== undefined && (each.notices !== null || each.verdict === "undecided");
+function powerRows() {
+  const judged = CASES.filter(isNoticing);
+  const counts = FAULTS.map((limit, i) => judged.filter(({ notices }) => (notices ?? Infinity) <= limit && (i === 0 || (notices ?? Infinity) > FAULTS[i - 1])).length);
+  const words = (i) => (i === 0 ? `up to ${share(FAULTS[0])}` : i === FAULTS.length - 1 ? `more than ${share(FAULTS[i - 1])}` : `${share(FAULTS[i - 1])} to ${share(FAULTS[i])}`);
+  return counts.map((count, i) => [
+    el("span", { class: "quiet" }, words(i)),
+    usedBar(count / Math.max(...counts, 1), i < FAULTS.length - 1 ? "pass" : "undecided"),
+    el("span", { class: "number" }, thousands(count)),
+  ]);
 }
 
 function cloudFigure(each) {

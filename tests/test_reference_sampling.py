@@ -8,6 +8,8 @@ import pytest
 from scipy import stats
 
 from mrm_nodes import reference as ref
+from mrm_nodes.reference import kernels
+from mrm_nodes.reference.compiled import run
 
 
 class ChiSquare:
@@ -272,3 +274,12 @@ def test_uniforms_at_their_ends_draw_directions_of_unit_length(distribution, mas
     lobe = ref.Conductor(0.2, 3.9, 1.0, distribution=distribution, masking=masking)
     drawn = lobe.sample((0.0, 0.0, 1.0), u)
     assert np.linalg.norm(drawn.l) == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_density_that_has_lost_its_digits_is_rejected():
+    """One over a number below float64's normal ones is infinite, and so would be a sample's weight."""
+    drawn = np.array([[0.6, 0.0, 0.8, 0.0, 1.0, 0.0, 0.0, 0.0]] * 2)
+    density = np.array([[1e-309], [3e-308]])
+    (weight, chance), _ = run(kernels.WEIGH, [drawn, np.full((2, 3), 1e-308), density], [], [3, 1])
+    assert chance[:, 0].tolist() == [0.0, 3e-308]
+    np.testing.assert_allclose(weight, [[0.0] * 3, [0.8 / 3] * 3])

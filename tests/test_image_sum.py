@@ -122,9 +122,10 @@ def test_many_samples_of_a_white_map_come_to_the_albedo(lobe):
     v = views(20)
     white = Environment(np.ones((4, 8, 3)))
     albedo = lobe.albedo(v)
-    errors = [np.abs(summed(lobe, v, frames(20), white, n).value / albedo - 1).max() for n in (200, 20000)]
-    assert errors[1] < 3e-3
-    assert errors[1] < 0.5 * errors[0]
+    # Beyond some thousands float32 has lost so many digits of the points that they are less even again.
+    errors = [np.abs(summed(lobe, v, frames(20), white, n).value / albedo - 1).max() for n in (200, 2000)]
+    assert errors[1] < 1.5e-3
+    assert errors[1] < 0.3 * errors[0]
 
 
 def test_the_bounds_hold_for_a_view_a_frame_and_a_driver_in_float32():
@@ -136,6 +137,7 @@ def test_the_bounds_hold_for_a_view_a_frame_and_a_driver_in_float32():
     error = np.abs(rounded.value - found.value)
     assert (error <= found.most).all()
     assert np.quantile(error / found.usual, 0.999) <= 1
+    # And an image a ten-thousandth brighter is noticed.
     assert np.median(found.most / found.value) < 1e-4
 
 

@@ -4,6 +4,7 @@ leaves of a difference. All for n points: a lobe's inputs may differ from one to
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,25 +34,30 @@ COMPONENTS = {
 """What a Fresnel factor is made of, by the kind of lobe, and how many components each has."""
 
 
+@dataclass(frozen=True)
 class Reflected:
     """The Fresnel factor of one node's lobe at n points."""
 
-    def __init__(self, node: str, values: Mapping[str, Any]) -> None:
-        """values: the node's inputs, each a constant or one for each point."""
-        self._kind = next(kind for kind in COMPONENTS if node.endswith(f"{kind}_bsdf"))
-        self._values = {name: as_float32(values[name]) for name in COMPONENTS[self._kind]}
+    kind: str
+    """As in COMPONENTS."""
+    values: Mapping[str, Array]
+    """Of its inputs, each a constant or one for each point."""
+
+    @classmethod
+    def of(cls, node: str, values: Mapping[str, Any]) -> Reflected:
+        """That of a node, ours or MaterialX's, with these inputs."""
+        kind = next(kind for kind in COMPONENTS if node.endswith(f"{kind}_bsdf"))
+        return cls(kind, {name: as_float32(values[name]) for name in COMPONENTS[kind]})
 
     def at(self, chosen: NDArray[np.bool_]) -> Reflected:
         """The same of some of the points, by a mask `(n,)`."""
-        some = object.__new__(Reflected)
-        some._kind = self._kind
-        some._values = {
+        some = {
             name: np.broadcast_to(value, (*chosen.shape, *value.shape[1:]))[chosen]
-            if value.ndim == (2 if COMPONENTS[self._kind][name] == 3 else 1)
+            if value.ndim == (2 if COMPONENTS[self.kind][name] == 3 else 1)
             else value
-            for name, value in self._values.items()
+            for name, value in self.values.items()
         }
-        return some
+        return replace(self, values=some)
 
     def changes(self, cosine: Array, errors: Sequence[float]) -> list[Array]:
         """By how much it changes with each error of the half angle's cosine `(n,)`, each `(n, 3)`: without bound at an
@@ -60,7 +66,8 @@ class Reflected:
         lobe = self._lobe()
         exact = lobe.reflectance(cosine)
         of_roots = self._root_rounding(cosine, exact) + self._film_rounding(cosine, exact)
-        steep = np.broadcast_to(self._values.get("exponent", np.ones(())) < 1.0, cosine.shape)
+        steep = np.broadcast_to(self.values.get("exponent", np.ones(())) < 1.0, cosine.shape)
+        curve = self.at(steep)._lobe() if steep.any() else None
         found = []
         for error in errors:
             # What is nearer to 1 than float64 can tell is anywhere between.
@@ -68,9 +75,8 @@ class Reflected:
             for shift in (-1.0, 1.0):
                 beside = lobe.reflectance(np.clip(cosine + shift * error, 0.0, 1.0))
                 high, low = np.maximum(high, beside), np.minimum(low, beside)
-            if steep.any():
+            if curve is not None:
                 # Under a film such a curve is not monotonous on the way to 1.
-                curve = self.at(steep)._lobe()
                 between = [
                     curve.reflectance(np.clip(cosine[steep] + shift * error, 0.0, 1.0)) for shift in BETWEEN
                 ]
@@ -81,11 +87,11 @@ class Reflected:
 
     def _lobe(self, **changed: Array) -> Lobe:
         """What has this Fresnel factor, or that of other inputs."""
-        given: dict[str, Any] = {**self._values, **changed}
+        given: dict[str, Any] = {**self.values, **changed}
         given["thinfilm_thickness"] = np.maximum(given["thinfilm_thickness"], 0.0)
-        if self._kind == "conductor":
+        if self.kind == "conductor":
             return Conductor(alpha=1.0, **given)
-        if self._kind == "dielectric":
+        if self.kind == "dielectric":
             return Dielectric(alpha=1.0, **given)
         for name in ("color0", "color82", "color90"):
             given[name] = np.maximum(given[name], 0.0)
@@ -97,7 +103,7 @@ class Reflected:
         Its square, 1 - sin² / index², is off by 8 units, as that of another index by 4 is. Arguments as of
         `_root_rounding`.
         """
-        thickness, film = (np.broadcast_to(self._values[name], cosine.shape) for name in FILM)
+        thickness, film = (np.broadcast_to(self.values[name], cosine.shape) for name in FILM)
         film = np.maximum(film, 1.0)
         at = (thickness > 0) & (film**2 - (1.0 - cosine**2) < NEAR_TOTAL)
         change: Array = np.zeros(exact.shape)
@@ -118,12 +124,12 @@ class Reflected:
         What a film shows in one channel is made of all three. cosine: `(n,)`; exact: the reflectance there.
         """
         change: Array = np.zeros(exact.shape)
-        if self._kind == "schlick":
+        if self.kind == "schlick":
             return change
-        is_metal = self._kind == "conductor"
-        n = self._values["ior"]
+        is_metal = self.kind == "conductor"
+        n = self.values["ior"]
         n = np.broadcast_to(n if is_metal else n[..., None], exact.shape)
-        k = np.broadcast_to(self._values["extinction"] if is_metal else 0.0, exact.shape)
+        k = np.broadcast_to(self.values["extinction"] if is_metal else 0.0, exact.shape)
         t = n**2 - k**2 - (1.0 - cosine**2)[..., None]
         near, faint = np.abs(t) < NEAR_TOTAL, (n < 1.0) & (k < FAINT) & is_metal
         at = (near | faint).any(-1)
@@ -131,7 +137,7 @@ class Reflected:
             return change
         some = self.at(at)
         n, k, t, near, faint, exact, cosine = (each[at] for each in (n, k, t, near, faint, exact, cosine))
-        thickness, film = (np.broadcast_to(some._values[name], cosine.shape)[..., None] for name in FILM)
+        thickness, film = (np.broadcast_to(some.values[name], cosine.shape)[..., None] for name in FILM)
         units = np.where(thickness > 0, 3 * n**2 + 8 * np.maximum(film, 1.0) ** 2, 2 * np.maximum(n**2, 1.0))
         of_index = np.where(near, UNIT * units, 0.0)
         of_extinction = np.where(faint, 2 * UNIT * np.hypot(t, 2 * n * k) * np.abs(t) / n**2, 0.0)

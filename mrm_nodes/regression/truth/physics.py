@@ -588,7 +588,7 @@ class _Judged(_Response):
         self._distribution = "ggx" if self.lobe is None else values["distribution"]
         self._masking = "smith" if self.lobe is None else values["masking"]
         if self.lobe is not None:
-            self._reflected = Reflected(node, values)
+            self._reflected = Reflected.of(node, values)
             self._jumps = phase_jumps(node, values)
         film = [0.0, 1.0] if self.lobe is None else [values["thinfilm_thickness"], values["thinfilm_ior"]]
         self._fresnel = fresnel_bounds(*map(as_float32, film))

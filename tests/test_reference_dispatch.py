@@ -17,14 +17,14 @@ V = np.array([0.48, 0.36, 0.8])
 L = np.array([-0.6, 0.0, 0.8])
 BELOW = np.array([-0.6, 0.0, -0.8])
 U = np.array([0.3, 0.6, 0.9])
-REGISTERED = 17
+REGISTERED = "registered"
 FIELDS = {"distribution": "DISTRIBUTIONS", "masking": "MASKINGS", "correlation": "CORRELATIONS"}
 
 
 class Registered(ref.GGX):
     """A distribution of which there is no more than its name."""
 
-    _code = REGISTERED
+    _distribution = REGISTERED
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +77,7 @@ def test_a_compensation_of_what_is_only_registered(scheme: str):
     with pytest.raises(NotImplementedError, match="there is no "):
         lobe.eval(V, L)
     with pytest.raises(NotImplementedError):
-        white_albedo_table(REGISTERED, 0, 0)
+        white_albedo_table(REGISTERED, "smith", "height")
 
 
 def test_a_layer_of_what_is_only_registered():
@@ -93,10 +93,10 @@ def test_a_distribution_that_is_only_registered(method: str):
 
 
 def test_maskings_of_a_known_distribution_that_are_only_registered():
-    with pytest.raises(NotImplementedError, match="GGX: there is no G1 of this masking"):
+    with pytest.raises(NotImplementedError, match=r"GGX: there is no G1: .*registered: there is no masking"):
         ref.GGX(0.3).G1(V, L, "registered")
     for cls in (ref.GGX, ref.Phong):
-        with pytest.raises(NotImplementedError, match="masking of this correlation"):
+        with pytest.raises(NotImplementedError, match="registered: there is no correlation"):
             cls(0.3).G2(V, L, L, correlation="registered")
 
 

@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from mrm_nodes.reference import compiled
-from mrm_nodes.reference import microsurface as surface
 from mrm_nodes.reference.bsdf import Conductor, Dielectric, GeneralizedSchlick, Lobe
 from mrm_nodes.reference.compiled import Array
 from mrm_nodes.reference.energy import POINTS, RESOLUTION, white_albedo_table
@@ -26,8 +25,8 @@ IOR, EXTINCTION = (0.2004, 0.9240, 1.1022), (3.9129, 2.4528, 2.1421)
 
 @dataclass(frozen=True)
 class ReferenceRow:
-    """One measurement, the best of a few runs: `rate` in results a second. An `eval` runs turn about with
-    Mitsuba's conductor, and `of_mitsuba` is its rate over that."""
+    """One measurement, the best of a few runs: `rate` in results a second. A question that Mitsuba answers too runs
+    turn about with its conductor of the same distribution, and `of_mitsuba` is its rate over that."""
 
     subject: str
     question: str
@@ -84,10 +83,13 @@ def _cores(count: int | None) -> Iterator[None]:
         compiled.set_thread_count(None)
 
 
-def _lobes() -> dict[str, Lobe]:
+def _lobes(count: int) -> dict[str, Lobe]:
     return {
         "conductor": Conductor(IOR, EXTINCTION, 0.3, correlation="separable"),
         "conductor, half retro": Conductor(IOR, EXTINCTION, 0.3, 0.5),
+        "conductor, half retro, varying": Conductor(
+            IOR, EXTINCTION, np.stack([np.linspace(0.2, 0.4, count)] * 2, -1), np.linspace(0.4, 0.6, count)
+        ),
         "dielectric R": Dielectric(1.5, 0.3),
         "dielectric RT": Dielectric(1.5, 0.3, scatter_mode="RT", correlation="separable"),
         "schlick": GeneralizedSchlick((0.9, 0.4, 0.1), 0.8, alpha=0.3),
@@ -126,33 +128,52 @@ def _mitsuba() -> ModuleType | None:
     return module
 
 
-def mitsuba_conductor(mi: Any, v: Array, l: Array) -> Callable[[], object]:  # noqa: E741
-    """A call that evaluates Mitsuba's `roughconductor` on the same configurations, in float32."""
+def mitsuba_conductor(
+    mi: Any,
+    distribution: str,
+    v: Array,
+    l: Array,  # noqa: E741
+    u: Array,
+) -> dict[str, Callable[[], object]]:
+    """Calls by which Mitsuba's `roughconductor` answers each question of the same configurations, in float32."""
     import drjit
 
     dr: Any = drjit
     bsdf = mi.load_dict(
         {
             "type": "roughconductor",
-            "distribution": "ggx",
+            "distribution": distribution,
             "alpha": 0.3,
             "eta": {"type": "srgb", "color": list(IOR), "unbounded": True},
             "k": {"type": "srgb", "color": list(EXTINCTION), "unbounded": True},
         }
     )
+
+    def columns(array: Array) -> list[Any]:
+        return [mi.Float(np.ascontiguousarray(array[:, k], np.float32)) for k in range(array.shape[1])]
+
     si = dr.zeros(mi.SurfaceInteraction3f, len(v))
-    si.wi = mi.Vector3f(*(mi.Float(np.ascontiguousarray(v[:, k], np.float32)) for k in range(3)))
-    wo = mi.Vector3f(*(mi.Float(np.ascontiguousarray(l[:, k], np.float32)) for k in range(3)))
-    dr.eval(si, wo)
+    si.wi = mi.Vector3f(*columns(v))
+    wo = mi.Vector3f(*columns(l))
+    x, y, z = columns(u)
+    uniforms = mi.Point2f(y, z)
+    dr.eval(si, wo, x, uniforms)
     context = mi.BSDFContext()
 
-    def work() -> object:
-        value = bsdf.eval(context, si, wo)
-        dr.eval(value)
-        dr.sync_thread()
-        return value
+    def asking(ask: Callable[[], object]) -> Callable[[], object]:
+        def work() -> object:
+            value = ask()
+            dr.eval(value)
+            dr.sync_thread()
+            return value
 
-    return work
+        return work
+
+    return {
+        "eval": asking(lambda: bsdf.eval(context, si, wo)),
+        "pdf": asking(lambda: bsdf.pdf(context, si, wo)),
+        "sample": asking(lambda: bsdf.sample(context, si, x, uniforms)),
+    }
 
 
 def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[ReferenceRow]:
@@ -163,24 +184,32 @@ def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[ReferenceRow]:
     v, l = _directions(rng, count), _directions(rng, count)  # noqa: E741
     u = rng.random((count, 3))
     every = compiled.thread_count()
-    drawn, few = max(count >> 3, 1), max(count >> 14, 1)
+    few = max(count >> 12, 1)
     mi = _mitsuba()
-    theirs = [] if mi is None else [mitsuba_conductor(mi, v, l)]
+    theirs: dict[str, dict[str, Callable[[], object]]] = {}
     ours = "mrm_nodes, float64"
     if mi is not None:
-        (seconds,) = _best(theirs, repeats)
-        name = f"Mitsuba {mi.__version__}, llvm float32"
-        yield ReferenceRow(name, "eval", "conductor", every, count, seconds, 1.0)
-    for name, bsdf in _lobes().items():
+        for distribution in ("ggx", "beckmann"):
+            theirs[distribution] = mitsuba_conductor(mi, distribution, v, l, u)
+            for question, ask in theirs[distribution].items():
+                (seconds,) = _best([ask], repeats)
+                lobe = "conductor" if distribution == "ggx" else f"conductor {distribution}"
+                name = f"Mitsuba {mi.__version__}, llvm float32"
+                yield ReferenceRow(name, question, lobe, every, count, seconds, 1.0)
+    for name, bsdf in _lobes(count).items():
         questions: dict[str, tuple[int, Callable[[], object]]] = {
             "eval": (count, partial(bsdf.eval, v, l)),
             "pdf": (count, partial(bsdf.pdf, v, l)),
-            "sample": (drawn, partial(bsdf.sample, v[:drawn], u[:drawn])),
+            "sample": (count, partial(bsdf.sample, v, u)),
             "albedo": (few, partial(bsdf.albedo, v[:few])),
         }
+        if bsdf._shape:
+            # Its parameters are `count`.
+            del questions["albedo"]
         for question, (n, ask) in questions.items():
             for cores in sorted({1, every}):
-                beside = theirs if question == "eval" and cores == every else []
+                their = theirs.get("beckmann" if "beckmann" in name else "ggx", {}).get(question)
+                beside = [their] if their is not None and cores == every else []
                 with _cores(cores):
                     seconds, *others = _best([ask, *beside], repeats)
                 ratio = others[0] / seconds if others else None
@@ -193,7 +222,7 @@ def measure(count: int = 1 << 20, repeats: int = 15) -> Iterator[ReferenceRow]:
 def _table(cores: int) -> ReferenceRow:
     """Samples a second of the table that energy compensation reads, made anew."""
     start = time.perf_counter()
-    white_albedo_table.__wrapped__(surface.GGX, surface.SMITH, surface.HEIGHT)
+    white_albedo_table.__wrapped__("ggx", "smith", "height")
     samples = math.prod(POINTS) * RESOLUTION**2
     seconds = time.perf_counter() - start
     return ReferenceRow("mrm_nodes, float64", "table", "white, GGX", cores, samples, seconds)
@@ -202,7 +231,7 @@ def _table(cores: int) -> ReferenceRow:
 def growth(sizes: tuple[int, ...] = (10**5, 10**6, 10**7, 10**8)) -> Iterator[ReferenceRow]:
     """`eval` of one conductor for growing grids of views and lights, ten million at a time."""
     rng = np.random.default_rng(0)
-    bsdf = _lobes()["conductor"]
+    bsdf = _lobes(1)["conductor"]
     for size in sizes:
         columns = min(size, 10**4)
         v, l = _directions(rng, size // columns)[:, np.newaxis], _directions(rng, columns)  # noqa: E741

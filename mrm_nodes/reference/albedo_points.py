@@ -41,7 +41,7 @@ def albedo_of_points(lobe: Lobe, v: Array) -> Array:
     splits = np.cumsum([each.shape[-1] for each in parameters])[:-1]
     found = np.empty(v.shape)
     alone = np.ones(len(v), bool)
-    is_isotropic = not lobe._modes.skewed and bool((rows[:, 0] == rows[:, 1]).all())
+    is_isotropic = not lobe._is_sheared and bool((rows[:, 0] == rows[:, 1]).all())
     if is_isotropic and len(v) >= COSINES:
         kinds, of_kind = np.unique(rows, axis=0, return_inverse=True)
         if len(kinds) * COSINES <= len(v):
@@ -77,9 +77,8 @@ def _integrated(lobe: Lobe, v: Array, parameters: list[Array], resolution: int, 
     if is_isotropic:
         # The plane of v is a mirror.
         nodes = nodes[nodes[:, 0] < 0.5]
-    (albedo,), _ = run(
-        kernels.INTEGRATE, [v, np.zeros(3), *parameters], lobe._modes, [3], [lobe._table, nodes]
-    )
+    inputs, modes = [v, np.zeros(3), *parameters], lobe._answering("albedo")
+    (albedo,), _ = run(kernels.INTEGRATE, inputs, modes, [3], [lobe._table, nodes])
     return albedo
 
 

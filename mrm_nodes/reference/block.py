@@ -10,26 +10,30 @@ from .compiled import Array, formula, inlined, prefetch
 
 BLOCK = 64
 
-# Directions as given.
+# Directions as given; where one is drawn, uniforms in place of l, then l.
 VX, VY, VZ, LX, LY, LZ = (BLOCK * k for k in range(6))
 # Parameters: colours A, B, C are index and extinction, or f0, f82 and f90; T is the tint.
 AX, AY, RETRO, A0, A1, A2, B0, B1, B2, C0, C1, C2 = (BLOCK * k for k in range(6, 18))
 EXPONENT, FILM, FILM_INDEX, RXY, MX, MY, T0, T1, T2 = (BLOCK * k for k in range(18, 27))
-# v and l as seen from v's side; the selected normal before normalisation, its squared length, its cosines
-# with both.
-SIDE, EX, EY, EZ, GX, GY, GZ, HX, HY, HZ, HH, VH, LH = (BLOCK * k for k in range(27, 40))
-# D; cosines with the mesosurface, stretched sines, projected areas; G2 / (cos v cos l).
-D, CV, CL, SINE_V, SINE_L, AREA_V, AREA_L, VISIBLE = (BLOCK * k for k in range(40, 48))
-# Reflectance or transmittance, the lobe, and the result.
-FR, FG, FB, TR, TG, TB, OR, OG, OB = (BLOCK * k for k in range(48, 57))
-# White albedo at n.v, index of the inside, cosine on the outside of the selected normal.
-ALBEDO, INDEX, OUTER = (BLOCK * k for k in range(57, 60))
-# What an integral finds to go through.
-PR, PG, PB = (BLOCK * k for k in range(60, 63))
-# Whether any lane has a film, a forward share, a retro share, and whether any parameter varies: what can be
-# skipped.
-COATED, FORWARD, RETRO_SHARE, VARIES = (BLOCK * 63 + k for k in range(4))
-SIZE = BLOCK * 64
+# v and l as seen from v's side.
+SIDE, EX, EY, EZ, GX, GY, GZ = (BLOCK * k for k in range(27, 34))
+# A lobe without its reflectance, forward and retro, and the cosines of v and of l with its normal.
+LOBE, COSINE, FAR_COSINE, RETRO_LOBE, RETRO_COSINE, RETRO_FAR_COSINE = (BLOCK * k for k in range(34, 40))
+# A visible normal, v.m (0 where there is none), and its weight in a quadrature.
+NX, NY, NZ, VM, WEIGHT = (BLOCK * k for k in range(40, 45))
+# What of its reflection and of its refraction is not shadowed; what a lane that is inverted is at.
+REFLECTED, REFRACTED, AT, LOW, HIGH, TARGET, SETTLED = (BLOCK * k for k in range(45, 52))
+# Reflectance or transmittance, another colour, and the result.
+FR, FG, FB, TR, TG, TB, OR, OG, OB = (BLOCK * k for k in range(52, 61))
+# White albedo at n.v, another albedo, index of the inside, cosine on the outside of the selected normal.
+ALBEDO, OTHER_ALBEDO, INDEX, OUTER = (BLOCK * k for k in range(61, 65))
+# What an integral finds to go through; of what is drawn: whether it is kept, its probability where it is a delta (else
+# 0) and its density.
+PR, PG, PB, KEPT, CHANCE, DENSITY = (BLOCK * k for k in range(65, 71))
+# Whether any lane has a film, a forward share, a retro share; whether a retro share refracts by itself, and whether
+# any parameter varies: what can be skipped.
+COATED, FORWARD, RETRO_SHARE, TURNS, VARIES = (BLOCK * 71 + k for k in range(5))
+SIZE = BLOCK * 72
 
 
 class Parameters(NamedTuple):
@@ -50,22 +54,40 @@ class Parameters(NamedTuple):
 
 
 class Modes(NamedTuple):
-    """What is decided for all of a call, in the order in which kernels take it: codes of `checks`, and flags."""
+    """What is decided for all of a call, in the order in which kernels take it: codes, flags, and the addresses of the
+    parts that it needs."""
 
     kind: int
-    distribution: int
-    masking: int
-    correlation: int
     compensation: int
     scatter: int
     retro_transmission: int
-    skewed: int
-    fifth: int
-    """Whether each Schlick exponent is 5."""
+    reflectance: int = 0
+    reflection: int = 0
+    refraction: int = 0
+    reflection_density: int = 0
+    refraction_density: int = 0
+    visible_normals: int = 0
+    quadrature_normals: int = 0
+    reflected_share: int = 0
+    refracted_share: int = 0
 
 
 # Positions in `Modes`.
-KIND, DISTRIBUTION, MASKING, CORRELATION, COMPENSATION, SCATTER, RETRO_TRANSMISSION, SKEWED, FIFTH = range(9)
+(
+    KIND,
+    COMPENSATION,
+    SCATTER,
+    RETRO_TRANSMISSION,
+    REFLECTANCE,
+    REFLECTION,
+    REFRACTION,
+    REFLECTION_DENSITY,
+    REFRACTION_DENSITY,
+    VISIBLE_NORMALS,
+    QUADRATURE_NORMALS,
+    REFLECTED_SHARE,
+    REFRACTED_SHARE,
+) = range(13)
 REFLECT, TRANSMIT, BOTH = 0, 1, 2
 
 # Positions in `inputs`: two directions, `Parameters`, tables.

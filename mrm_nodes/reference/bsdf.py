@@ -12,9 +12,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import block, kernels
+from . import block, kernels, parts
 from . import energy_formulas as energy
-from . import microsurface as surface
 from .albedo_fit import COEFFICIENTS
 from .checks import (
     COMPENSATIONS,
@@ -38,6 +37,9 @@ from .checks import (
 from .compiled import Array, Kernel, run
 from .energy import white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
+from .lobe import Surface, surface
+from .masking import SMITH, VCAVITY
+from .microsurface import BECKMANN, BECKMANN_RATIONAL, GGX, PHONG
 from .quadrature import quadrature_nodes
 
 
@@ -95,13 +97,13 @@ class Lobe:
         self._kind = kind
         self._distribution = choice("distribution", distribution, DISTRIBUTIONS)
         self._masking = choice("masking", masking, MASKINGS)
-        if self._distribution == surface.PHONG:
-            if self._masking not in (surface.SMITH, surface.VCAVITY):
+        if self._distribution == PHONG:
+            if self._masking not in (SMITH, VCAVITY):
                 raise ValueError(
                     f"masking must be 'smith' or 'vcavity' for the phong distribution, not {masking!r}"
                 )
             # Phong has no Smith masking in closed form; the V-cavity's asks nothing of the distribution.
-            self._masking = surface.VCAVITY
+            self._masking = VCAVITY
         self._correlation = choice("correlation", correlation, CORRELATIONS)
         self._compensation = choice("energy_compensation", energy_compensation, COMPENSATIONS)
         self._scatter = choice("scatter_mode", scatter_mode, SCATTER_MODES)
@@ -112,9 +114,9 @@ class Lobe:
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
         shifted = bool(self._mean.any())
         skewed = shifted or bool(self._rxy.any())
-        if skewed and self._distribution == surface.PHONG:
+        if skewed and self._distribution == PHONG:
             raise ValueError("slope_correlation and mean_slope must be 0 for the phong distribution")
-        if shifted and (self._masking == surface.VCAVITY or self._retro.any()):
+        if shifted and (self._masking == VCAVITY or self._retro.any()):
             raise ValueError(
                 "mean_slope must be 0 with V-cavities and with retroreflectivity: "
                 "both need a distribution that is symmetric about the normal"
@@ -124,7 +126,7 @@ class Lobe:
                 f"mean_slope must be 0 with energy_compensation {energy_compensation!r}: "
                 "its tables are of slopes that are centred on the normal"
             )
-        unphysical = self._masking not in (surface.SMITH, surface.VCAVITY)
+        unphysical = self._masking not in (SMITH, VCAVITY)
         if unphysical and self._scatter != block.REFLECT:
             raise ValueError(
                 f"masking {masking!r} is for reflection only: scatter_mode must be 'R', not {scatter_mode!r}"
@@ -142,16 +144,13 @@ class Lobe:
             mean_slope=self._mean,
             tint=colour("tint", tint, 0.0),
         )
+        self._is_sheared = skewed
+        self._is_fifth = bool(np.all(power == 5.0))
         self._modes = block.Modes(
             kind=kind,
-            distribution=self._distribution,
-            masking=self._masking,
-            correlation=self._correlation,
             compensation=self._compensation,
             scatter=self._scatter,
             retro_transmission=int(self._retro_transmission),
-            skewed=int(skewed),
-            fifth=int(bool(np.all(power == 5.0))),
         )
         try:
             self._shape = np.broadcast_shapes(*(p.shape[:-1] for p in self._parameters))
@@ -191,32 +190,42 @@ class Lobe:
     def _fit_pair(self) -> tuple[str, str]:
         """Of what MaterialX's nodes can be: other maskings have Smith's fit."""
         fitted = {
-            surface.GGX: "ggx",
-            surface.BECKMANN: "beckmann",
-            surface.BECKMANN_RATIONAL: "beckmann",
-            surface.PHONG: "phong",
+            GGX: "ggx",
+            BECKMANN: "beckmann",
+            BECKMANN_RATIONAL: "beckmann",
+            PHONG: "phong",
         }
         if self._distribution not in fitted:
             name = name_of(self._distribution, DISTRIBUTIONS)
             raise NotImplementedError(f"{name}: there is no fit of its albedo")
-        return fitted[self._distribution], "vcavity" if self._masking == surface.VCAVITY else "smith"
+        return fitted[self._distribution], "vcavity" if self._masking == VCAVITY else "smith"
+
+    @functools.cached_property
+    def _surface(self) -> Surface:
+        """The formulas of what its arguments name; `NotImplementedError` where there are none."""
+        return surface(self._distribution, self._masking, self._correlation, self._is_sheared)
+
+    def _answering(self, question: str, scheme: int | None = None) -> block.Modes:
+        """What a kernel is told: the parts that answer a question, with another compensation where one is named."""
+        modes = self._modes if scheme is None else self._modes._replace(compensation=scheme)
+        return parts.answering(question, modes, self._surface, self._is_fifth)
 
     def _run(
-        self, kernel: Kernel, v: Array, second: Array, components: Sequence[int], *tables: Array
+        self,
+        question: str,
+        kernel: Kernel,
+        v: Array,
+        second: Array,
+        components: Sequence[int],
+        *tables: Array,
     ) -> tuple[list[Array], int]:
         inputs = [v, second, *self._parameters]
+        modes = self._answering(question)
         try:
-            return run(kernel, inputs, self._modes, components, [self._table, *tables])
+            return run(kernel, inputs, modes, components, [self._table, *tables])
         except ValueError as error:
             shapes = f"v {v.shape}, l or u {second.shape}, parameters {self._shape}"
             raise ValueError(f"shapes do not broadcast: {shapes} ({error})") from None
-        except NotImplementedError as error:
-            names = [
-                name_of(self._distribution, DISTRIBUTIONS),
-                name_of(self._masking, MASKINGS),
-                name_of(self._correlation, CORRELATIONS),
-            ]
-            raise NotImplementedError(f"{', '.join(names)}: there is no {error}") from None
 
     def eval(self, v: ArrayLike, l: ArrayLike) -> Array:  # noqa: E741
         """The scattering function f(v, l) in 1/sr, without the cosine: shape (..., 3).
@@ -234,7 +243,7 @@ class Lobe:
             ValueError: a direction whose length is not 1 to 1e-6, or shapes that do not broadcast.
         """
         view, light = directions("v", v), directions("l", l)
-        (result,), rejected = self._run(kernels.EVALUATE, view, light, [3])
+        (result,), rejected = self._run("eval", kernels.EVALUATE, view, light, [3])
         if rejected:
             check_unit("v", view)
             check_unit("l", light)
@@ -253,7 +262,7 @@ class Lobe:
         gives it. Arguments and errors as in `eval`.
         """
         view, light = directions("v", v), directions("l", l)
-        (result,), rejected = self._run(kernels.DENSITY, view, light, [1])
+        (result,), rejected = self._run("pdf", kernels.DENSITY_KERNEL, view, light, [1])
         if rejected:
             check_unit("v", view)
             check_unit("l", light)
@@ -279,13 +288,12 @@ class Lobe:
         if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
             bad = ~((uniforms >= 0.0) & (uniforms <= 1.0))
             raise ValueError(f"u must be in [0, 1], not {first(uniforms, bad)}")
-        (drawn,), rejected = self._run(kernels.DRAW, view, uniforms, [8])
+        (light, weight, density, delta), rejected = self._run(
+            "sample", kernels.SAMPLE, view, uniforms, [3, 3, 1, 1]
+        )
         if rejected:
             check_unit("v", view)
-        light = np.ascontiguousarray(drawn[..., :3])
-        value, density = self.eval(view, light), self.pdf(view, light)[..., np.newaxis]
-        (weight, chance), _ = run(kernels.WEIGH, [drawn, value, density], [], [3, 1])
-        return BsdfSample(light, weight, chance[..., 0], drawn[..., 3] > 0.0)
+        return BsdfSample(light, weight, density[..., 0], delta[..., 0] > 0.0)
 
     def albedo(self, v: ArrayLike) -> Array:
         """Directional albedo as energy, reflected and transmitted together: shape (..., 3).
@@ -294,7 +302,9 @@ class Lobe:
         (Portsmouth et al. 2026, eq. 18). A delta (index 1) is counted. Errors as in `eval`, v too: (..., 3).
         """
         view = directions("v", v)
-        (parts,), rejected = self._run(kernels.INTEGRATE, view, np.zeros(3), [3], quadrature_nodes())
+        (parts,), rejected = self._run(
+            "albedo", kernels.INTEGRATE, view, np.zeros(3), [3], quadrature_nodes()
+        )
         if rejected:
             check_unit("v", view)
         return parts
@@ -314,9 +324,10 @@ class Lobe:
     def _reflectance(self, cosine: Array, scheme: int) -> Array:
         """RGB reflectance from outside at cosines of shape (..., 1)."""
         padded = np.broadcast_to(cosine, (*cosine.shape[:-1], 3))
-        modes = self._modes._replace(compensation=scheme)
         inputs = [np.array([0.0, 0.0, 1.0]), padded, *self._parameters]
-        (result,), _ = run(kernels.REFLECTANCE, inputs, modes, [3], [self._table])
+        (result,), _ = run(
+            kernels.REFLECTANCE_KERNEL, inputs, self._answering("reflectance", scheme), [3], [self._table]
+        )
         return result
 
 

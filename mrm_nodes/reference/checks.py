@@ -7,24 +7,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from . import block
+from . import block, masking, microsurface
 from . import energy_formulas as energy
-from . import microsurface as surface
 from .compiled import Array
 
 DISTRIBUTIONS = {
-    "ggx": surface.GGX,
-    "beckmann": surface.BECKMANN,
-    "beckmann-rational": surface.BECKMANN_RATIONAL,
-    "phong": surface.PHONG,
+    "ggx": microsurface.GGX,
+    "beckmann": microsurface.BECKMANN,
+    "beckmann-rational": microsurface.BECKMANN_RATIONAL,
+    "phong": microsurface.PHONG,
 }
 MASKINGS = {
-    "smith": surface.SMITH,
-    "vcavity": surface.VCAVITY,
-    "cook-torrance": surface.VCAVITY,
-    "implicit": surface.IMPLICIT,
-    "schlick-smith": surface.SCHLICK_SMITH,
-    "kelemen": surface.KELEMEN,
+    "smith": masking.SMITH,
+    "vcavity": masking.VCAVITY,
+    "cook-torrance": masking.VCAVITY,
+    "implicit": masking.IMPLICIT,
+    "schlick-smith": masking.SCHLICK_SMITH,
+    "kelemen": masking.KELEMEN,
 }
 #: The distributions of a lobe, each with the maskings that are physics with it.
 PAIRS = (
@@ -35,10 +34,10 @@ PAIRS = (
     ("phong", "vcavity"),
 )
 CORRELATIONS = {
-    "height": surface.HEIGHT,
-    "separable": surface.SEPARABLE,
-    "direction": surface.DIRECTION,
-    "height_direction": surface.HEIGHT_DIRECTION,
+    "height": masking.HEIGHT,
+    "separable": masking.SEPARABLE,
+    "direction": masking.DIRECTION,
+    "height_direction": masking.HEIGHT_DIRECTION,
 }
 SCATTER_MODES = {"R": block.REFLECT, "T": block.TRANSMIT, "RT": block.BOTH}
 COMPENSATIONS = {
@@ -115,10 +114,10 @@ def pair(name: str, value: ArrayLike, low: float, high: float, open_low: bool = 
     return np.broadcast_to(array, (*array.shape[:-1], 2))
 
 
-def choice(name: str, value: object, choices: dict[str, int] | dict[str | None, int]) -> int:
-    """The code of a name; `ValueError` that lists the names."""
+def choice(name: str, value: object, choices: Mapping[Any, Any]) -> Any:
+    """What a name stands for; `ValueError` that lists the names."""
     try:
-        return choices[value]  # type: ignore[index]
+        return choices[value]
     except (KeyError, TypeError):
         known = ", ".join(repr(key) for key in choices)
         raise ValueError(f"{name} must be one of {known}, not {value!r}") from None
@@ -155,7 +154,7 @@ def check_shapes(**shapes: tuple[int, ...]) -> tuple[int, ...]:
         raise ValueError(f"shapes do not broadcast: {named}") from None
 
 
-def name_of(code: int, names: Mapping[Any, int]) -> Any:
+def name_of(code: object, names: Mapping[Any, Any]) -> Any:
     """The name that `choice` took a code for; the first of several."""
     return next(name for name, each in names.items() if each == code)
 

@@ -10,6 +10,7 @@ import fcntl
 import hashlib
 import math
 import os
+import re
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -25,6 +26,7 @@ from llvmlite import ir  # type: ignore[import-untyped]
 from numba import config, types
 from numba.core import event
 from numba.core.caching import FunctionCache
+from numba.core.ccallback import CFunc
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
@@ -43,6 +45,21 @@ contracted = numba.njit(error_model="numpy", fastmath={"contract"})
 
 # For what is given the place of a row: only where it is a constant does a loop over the row vectorise.
 inlined = numba.njit(error_model="numpy", forceinline=True)
+
+
+def named(*bundles: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """For a formula that is made of others: its name says of which, so that no two have one name.
+
+    What numba compiles it calls by its function's name, and of two of one name only one would be linked.
+    """
+
+    def rename(function: Callable[..., Any]) -> Callable[..., Any]:
+        function.__qualname__ = function.__name__ = "_".join(
+            [function.__name__, *(re.sub(r"\W+", "_", bundle) for bundle in bundles)]
+        )
+        return function
+
+    return rename
 
 
 def _prefetch(_: Any, array: Any, index: Any) -> Any:
@@ -69,6 +86,29 @@ def _prefetch(_: Any, array: Any, index: Any) -> Any:
 prefetch: Any = intrinsic(_prefetch)
 
 
+def _call(_: Any, address: Any, array: Any) -> Any:
+    """Call the machine code at an address with where an array begins."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data = context.make_array(signature.args[1])(context, builder, arguments[1]).data
+        function = ir.FunctionType(ir.VoidType(), [data.type])
+        builder.call(builder.inttoptr(arguments[0], function.as_pointer()), [data])
+        return context.get_dummy_value()
+
+    return types.none(address, array), generate
+
+
+_call_address: Any = intrinsic(_call)
+
+
+@formula
+def call(address: int, scratch: Array) -> None:
+    """Run the `Part` at an address on a block."""
+    if address == 0:
+        raise NotImplementedError("a part that was not asked for")
+    _call_address(address, scratch)
+
+
 INPUT = types.Array(types.float64, 2, "A", readonly=True)
 DENSE = types.Array(types.float64, 1, "C", readonly=True)
 OUTPUT = types.Array(types.float64, 1, "C")
@@ -89,7 +129,7 @@ def _source_stamp() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
         source = path.read_bytes()
-        if b"@formula" in source or b"@contracted" in source or path.name in ("block.py", "compiled.py"):
+        if any(mark in source for mark in (b"@formula", b"@contracted", b"@inlined", b"Kernel(", b"Part(")):
             digest.update(source)
     return digest.hexdigest()
 
@@ -135,6 +175,11 @@ class _StampedCache(FunctionCache):
         except Exception:  # a damaged file can be anything
             return False
 
+    @property
+    def folder(self) -> Path:
+        """Where it keeps what it is given."""
+        return Path(self.cache_path)
+
     @contextmanager
     def alone(self, wait: bool) -> Iterator[bool]:
         """Keep other processes from compiling the same for as long as the block lasts.
@@ -159,32 +204,24 @@ class _StampedCache(FunctionCache):
                 os.close(file)
 
 
-KERNELS: list["Kernel"] = []
-"""Each that was made, in the order of their making."""
+class _PartCache(_StampedCache):
+    """Of a function that is made of others, which its name tells from its like: numba's own key is of what they are
+    at in this process."""
+
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        return sig, codegen.magic_tuple(), _source_stamp()
 
 
-class Kernel:
-    """A function of (start, stop, inputs, dense, modes, outputs), compiled for one signature on its first
-    call.
+class _Compiled:
+    """A function that is compiled for one signature when it is asked for, once for all threads and processes."""
 
-    `inputs` is a tuple of two-dimensional arrays; one signature serves every shape, because they are typed
-    as arrays of any stride. `dense` holds the first two inputs again, as flat arrays, where memory has them
-    in one piece; else it holds empty ones. `outputs` are flat."""
+    _cache_of: type[_StampedCache] = _StampedCache
 
-    def __init__(self, function: Callable[..., int], inputs: int, outputs: int) -> None:
-        tuple_of: Any = types.UniTuple
+    def __init__(self, function: Callable[..., Any], signature: Any) -> None:
         self._function = function
-        self._signature = types.int64(
-            types.int64,
-            types.int64,
-            tuple_of(INPUT, inputs),
-            tuple_of(DENSE, 2),
-            MODES,
-            tuple_of(OUTPUT, outputs),
-        )
+        self._signature = signature
         self._compiled: Any = None
         self._lock = threading.Lock()
-        KERNELS.append(self)
 
     @property
     def name(self) -> str:
@@ -192,23 +229,39 @@ class Kernel:
         module = self._function.__module__.rpartition(".")[2]
         return f"{module}.{self._function.__name__.lstrip('_')}"
 
+    def _uncompiled(self) -> tuple[Any, Any]:
+        """What numba compiles, and for what target."""
+        raise NotImplementedError
+
+    def _compile(self, uncompiled: Any) -> Any:
+        """What a call needs."""
+        raise NotImplementedError
+
+    def _dispatcher(self) -> tuple[Any, Any, Any]:
+        """What numba compiles, for what target, and the cache of its machine code where there can be one."""
+        uncompiled, context = self._uncompiled()
+        if not cachefolder.choose_numbas():
+            return uncompiled, context, None
+        make: Any = self._cache_of
+        uncompiled._cache = make(self._function)
+        return uncompiled, context, uncompiled._cache
+
     def folder(self) -> Path | None:
         """Where its machine code is kept; None where that can be nowhere."""
-        cache = self._dispatcher()[1]
-        return None if cache is None else Path(cache.cache_path)
+        cache = self._dispatcher()[2]
+        return None if cache is None else cache.folder
 
     def is_kept(self) -> bool:
         """Whether it was compiled before, by this process or another of the same machine."""
         if self._compiled is not None:
             return True
-        dispatcher, cache = self._dispatcher()
-        return cache is not None and cache.holds(self._signature, dispatcher.targetctx)
+        _, context, cache = self._dispatcher()
+        return cache is not None and cache.holds(self._signature, context)
 
-    def compile(self) -> Callable[..., int]:
-        """The compiled function, once for all threads; while another process compiles it, wait for that one."""
+    def compile(self) -> Any:
+        """What a call needs, once for all threads; while another process compiles it, wait for that one."""
         self.prepare()
-        compiled: Callable[..., int] = self._compiled
-        return compiled
+        return self._compiled
 
     def prepare(self, wait: bool = True) -> bool:
         """Have it compiled. False where another process is about it, and `wait` is false."""
@@ -219,25 +272,85 @@ class Kernel:
                 return True
             compiling.begin()
             try:
-                dispatcher, cache = self._dispatcher()
+                uncompiled, _, cache = self._dispatcher()
                 with nullcontext(True) if cache is None else cache.alone(wait) as mine:
                     if not mine:
                         return False
-                    dispatcher.compile(self._signature)
+                    compiled = self._compile(uncompiled)
             finally:
                 compiling.end()
-            dispatcher.disable_compile()
-            self._compiled = dispatcher
+            self._compiled = compiled
             return True
 
-    def _dispatcher(self) -> tuple[Any, _StampedCache | None]:
-        """The function to be compiled, and the cache of its machine code where there can be one."""
+
+KERNELS: list[_Compiled] = []
+"""What is compiled ahead: each loop that was made, and each part that is named for it, in the order of their making."""
+
+
+class Kernel(_Compiled):
+    """A function of (start, stop, inputs, dense, modes, outputs), compiled for one signature on its first
+    call.
+
+    `inputs` is a tuple of two-dimensional arrays; one signature serves every shape, because they are typed
+    as arrays of any stride. `dense` holds the first two inputs again, as flat arrays, where memory has them
+    in one piece; else it holds empty ones. `outputs` are flat. One that is `made_of_others` says of which by its name,
+    and is compiled when it is asked for, not ahead."""
+
+    def __init__(
+        self, function: Callable[..., int], inputs: int, outputs: int, made_of_others: bool = False
+    ) -> None:
+        tuple_of: Any = types.UniTuple
+        super().__init__(
+            function,
+            types.int64(
+                types.int64,
+                types.int64,
+                tuple_of(INPUT, inputs),
+                tuple_of(DENSE, 2),
+                MODES,
+                tuple_of(OUTPUT, outputs),
+            ),
+        )
+        if made_of_others:
+            self._cache_of = _PartCache
+        else:
+            KERNELS.append(self)
+
+    def _uncompiled(self) -> tuple[Any, Any]:
         dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(self._function)
-        if not cachefolder.choose_numbas():
-            return dispatcher, None
-        make: Any = _StampedCache
-        dispatcher._cache = make(self._function)
-        return dispatcher, dispatcher._cache
+        return dispatcher, dispatcher.targetctx
+
+    def _compile(self, uncompiled: Any) -> Any:
+        uncompiled.compile(self._signature)
+        uncompiled.disable_compile()
+        return uncompiled
+
+
+class Part(_Compiled):
+    """A function of a block's scratch memory that is made of formulas, which its name says; kernels `call` it by its
+    address."""
+
+    _cache_of = _PartCache
+
+    def __init__(self, function: Callable[[Any], None]) -> None:
+        pointer_to: Any = types.CPointer
+        super().__init__(function, types.void(pointer_to(types.float64)))
+
+    def _uncompiled(self) -> tuple[Any, Any]:
+        make: Any = CFunc
+        uncompiled = make(
+            self._function, (self._signature.args, self._signature.return_type), {}, {"error_model": "numpy"}
+        )
+        return uncompiled, uncompiled._targetdescr.target_context
+
+    def _compile(self, uncompiled: Any) -> Any:
+        uncompiled.compile()
+        return uncompiled
+
+    @property
+    def address(self) -> int:
+        """Of its machine code, which is there for as long as the process."""
+        return int(self.compile().address)
 
 
 @lru_cache(maxsize=1)

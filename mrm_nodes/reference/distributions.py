@@ -6,12 +6,11 @@ broadcasts."""
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import microsurface as surface
+from . import asking
 from .checks import (
     CORRELATIONS,
     MASKINGS,
@@ -25,130 +24,10 @@ from .checks import (
     pair,
     scalar,
 )
-from .compiled import Array, Kernel, formula, run
-from .sampling import sample_visible_smith, sample_visible_vcavity
-
-# What `_answer` is asked.
-_D, _LAMBDA, _G1, _G2, _SAMPLE, _PDF = range(6)
-_IN_V, _IN_L, _IN_M, _IN_ALPHA, _IN_RXY, _IN_MEAN = range(6)
-
-
-@formula
-def normal_density(
-    distribution: int, x: float, y: float, z: float, ax: float, ay: float, rxy: float, mx: float, my: float
-) -> float:
-    """D(m) of any distribution, 0 below the horizon."""
-    if z <= 0.0:
-        return 0.0
-    squared = x * x + y * y + z * z
-    if distribution == surface.PHONG:
-        return surface.phong_normals(x, y, z, squared, ax, ay)
-    norm = surface.slope_norm_squared(x, y, z, ax, ay, rxy, mx, my)
-    if distribution == surface.GGX:
-        return surface.ggx_skewed_normals(z, norm, squared, ax, ay, rxy)
-    if distribution == surface.BECKMANN or distribution == surface.BECKMANN_RATIONAL:
-        return surface.beckmann_normals(z, norm, squared, ax, ay, rxy)
-    raise NotImplementedError("D of this distribution")
-
-
-@formula
-def _smith_lambda(
-    distribution: int, x: float, y: float, z: float, ax: float, ay: float, rxy: float, mx: float, my: float
-) -> float:
-    """Λ (eqs. 83, 86, 96); infinite where the mesosurface is seen from behind."""
-    cosine = z - mx * x - my * y
-    if cosine <= 0.0:
-        return math.inf
-    squared = surface.stretched_sine_squared(x, y, ax, ay, rxy)
-    return surface.projected_area(distribution, cosine, squared) / cosine - 1.0
-
-
-@formula
-def _masking(
-    masking: int, value: float, wx: float, wy: float, wz: float, mz: float, wm: float, sine: float
-) -> float:
-    """G1(w, m) (eqs. 43, 49, 56, 59), `value` being Λ(w)."""
-    if wm <= 0.0 or wz <= 0.0:
-        return 0.0
-    if masking == surface.SMITH:
-        return 1.0 / (1.0 + value)
-    if masking == surface.VCAVITY:
-        return surface.vcavity_masking(mz, wz, wm)
-    if masking == surface.IMPLICIT:
-        return wz
-    if masking == surface.KELEMEN:
-        return wz / wm
-    if masking == surface.SCHLICK_SMITH:
-        return wz / surface.schlick_smith_area(wz, sine)
-    raise NotImplementedError("G1 of this masking")
-
-
-def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
-    out = outputs[0]
-    view, light, normal = inputs[_IN_V], inputs[_IN_L], inputs[_IN_M]
-    alpha, correlations, mean = inputs[_IN_ALPHA], inputs[_IN_RXY], inputs[_IN_MEAN]
-    question, distribution, masking, correlation = modes[0], modes[1], modes[2], modes[3]
-    for i in range(start, stop):
-        vx, vy, vz = view[i, 0], view[i, 1], view[i, 2]
-        ax, ay, rxy = alpha[i, 0], alpha[i, 1], correlations[i, 0]
-        mean_x, mean_y = mean[i, 0], mean[i, 1]
-        mx, my, mz = normal[i, 0], normal[i, 1], normal[i, 2]
-        if question == _D:
-            out[i] = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
-            continue
-        if question == _SAMPLE:
-            if masking == surface.VCAVITY:
-                x, y, z, _ = sample_visible_vcavity(
-                    distribution, vx, vy, vz, ax, ay, rxy, light[i, 0], light[i, 1], light[i, 2]
-                )
-            else:
-                x, y, z = sample_visible_smith(
-                    distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y, light[i, 0], light[i, 1]
-                )
-            out[3 * i], out[3 * i + 1], out[3 * i + 2] = x, y, z
-            continue
-        if question == _LAMBDA:
-            out[i] = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y)
-            continue
-        by_smith = masking == surface.SMITH
-        lambda_v = _smith_lambda(distribution, vx, vy, vz, ax, ay, rxy, mean_x, mean_y) if by_smith else 0.0
-        vm = vx * mx + vy * my + vz * mz
-        sine_v = math.sqrt(surface.stretched_sine_squared(vx, vy, ax, ay, rxy))
-        g1_v = _masking(masking, lambda_v, vx, vy, vz, mz, vm, sine_v)
-        if question == _G1:
-            out[i] = g1_v
-            continue
-        if question == _PDF:
-            # Eq. 16, over the mesosurface's cosine, which is the normal's where slopes are centred.
-            cosine = vz - mean_x * vx - mean_y * vy
-            d = normal_density(distribution, mx, my, mz, ax, ay, rxy, mean_x, mean_y)
-            out[i] = g1_v * max(vm, 0.0) * d / cosine if cosine > 0.0 else 0.0
-            continue
-        lx, ly, lz = light[i, 0], light[i, 1], light[i, 2]
-        across = lz < 0.0
-        turn = -1.0 if across else 1.0
-        lm = turn * (lx * mx + ly * my + lz * mz)
-        lambda_l = 0.0
-        if by_smith:
-            lambda_l = _smith_lambda(
-                distribution, turn * lx, turn * ly, turn * lz, ax, ay, rxy, mean_x, mean_y
-            )
-        sine_l = math.sqrt(surface.stretched_sine_squared(lx, ly, ax, ay, rxy))
-        g1_l = _masking(masking, lambda_l, turn * lx, turn * ly, turn * lz, mz, lm, sine_l)
-        out[i] = 0.0
-        if g1_v == 0.0 or g1_l == 0.0:
-            continue
-        if masking == surface.VCAVITY:
-            out[i] = max(0.0, g1_v + g1_l - 1.0) if across else min(g1_v, g1_l)
-        elif not by_smith:
-            out[i] = g1_v * g1_l
-        else:
-            a, b = 1.0 + lambda_v, 1.0 + lambda_l
-            out[i] = surface.smith_visibility(correlation, across, 1.0, 1.0, a, b, vx, vy, lx, ly)
-    return 0
-
-
-_ANSWER = Kernel(_answer, 6, 1)
+from .compiled import Array
+from .masking import HEIGHT, SMITH, VCAVITY
+from .microsurface import BECKMANN, BECKMANN_RATIONAL
+from .microsurface import GGX as GGX_NAME
 
 
 def sampling_uniforms(u: ArrayLike, needed: int) -> Array:
@@ -179,7 +58,7 @@ class Distribution:
             that do not broadcast; so do the methods.
     """
 
-    _code = surface.GGX
+    _distribution = GGX_NAME
 
     def __init__(
         self,
@@ -200,36 +79,39 @@ class Distribution:
         given = {"ax": x, "ay": None if np.array_equal(x, y) else y}
         return call_of(type(self), {**given, "slope_correlation": self._rxy, "mean_slope": self._mean})
 
+    @property
+    def _is_sheared(self) -> bool:
+        return bool(self._rxy.any() or self._mean.any())
+
     def _ask(
         self,
-        question: int,
+        question: str,
         v: ArrayLike | None = None,
         l: ArrayLike | None = None,  # noqa: E741
         m: ArrayLike | None = None,
-        masking: str = "smith",
-        correlation: str = "height",
-        components: int = 1,
+        masking: str = SMITH,
+        correlation: str = HEIGHT,
     ) -> Array:
-        modes = [
-            question,
-            self._code,
+        mask, correlated = (
             choice("masking", masking, MASKINGS),
             choice("correlation", correlation, CORRELATIONS),
-        ]
+        )
         up = np.array([0.0, 0.0, 1.0])
         arrays = []
         for name, value in (("v", v), ("l", l), ("m", m)):
             array = up if value is None else directions(name, value)
-            if not (name == "l" and question == _SAMPLE):
+            if not (name == "l" and question == asking.VISIBLE_NORMAL):
                 check_unit(name, array)
             arrays.append(array)
         try:
-            (result,), _ = run(_ANSWER, [*arrays, self._alpha, self._rxy, self._mean], modes, [components])
+            part = asking.part(question, self._distribution, mask, correlated, self._is_sheared)
+            v_, l_, m_ = arrays
+            numbers_, normals = asking.ask(part, v_, l_, m_, self._alpha, self._rxy, self._mean)
+            return normals if question == asking.VISIBLE_NORMAL else numbers_
         except ValueError as error:
             raise ValueError(f"shapes do not broadcast: {error}") from None
         except NotImplementedError as error:
-            raise NotImplementedError(f"{type(self).__name__}: there is no {error}") from None
-        return result if components > 1 else result[..., 0]
+            raise NotImplementedError(f"{type(self).__name__}: there is no {question}: {error}") from None
 
     def quadrature(self, resolution: int = 64) -> tuple[Array, Array]:
         """Normals (n, 3) and weights (n) in steradians for integrals over the hemisphere, dense where D is.
@@ -266,11 +148,11 @@ class Distribution:
 
     def D(self, m: ArrayLike) -> Array:
         """Density of normals per steradian and unit of geometric area: ∫ D(m) (m.n) dm = 1. Shape (...)."""
-        return self._ask(_D, m=m)
+        return self._ask(asking.D, m=m)
 
     def Lambda(self, w: ArrayLike) -> Array:
         """Smith's Λ of a direction above the mesosurface (eqs. 83, 86, 96), infinite below it. Shape (...)."""
-        return self._ask(_LAMBDA, v=w)
+        return self._ask(asking.LAMBDA, v=w)
 
     def G1(self, w: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
         """Share of facets with normal m that are seen from w. Shape (...).
@@ -278,7 +160,7 @@ class Distribution:
         "smith" (eq. 43) and "vcavity" (49) are physics. "implicit" (56), "schlick-smith" and "kelemen" (59)
         belong to no microsurface and fail the white furnace test: they are here to reproduce Heitz's Table
         3."""
-        return self._ask(_G1, v=w, m=m, masking=masking)
+        return self._ask(asking.G1, v=w, m=m, masking=masking)
 
     def G2(
         self,
@@ -294,7 +176,7 @@ class Distribution:
         "height_direction" (101); with l on the other side than v, height correlation is the Beta function
         of Λ and direction correlation has no meaning. V-cavities ignore it: min(G1, G1), which is Cook and
         Torrance's min(1, M, S), and max(0, G1 + G1 - 1) across."""
-        return self._ask(_G2, v=v, l=l, m=m, masking=masking, correlation=correlation)
+        return self._ask(asking.G2, v=v, l=l, m=m, masking=masking, correlation=correlation)
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
         """Normals drawn from those visible from v (Heitz and d'Eon 2014). Shape (..., 3).
@@ -305,15 +187,15 @@ class Distribution:
         Raises:
             ValueError: v is below the surface.
         """
-        uniforms = sampling_uniforms(u, 3 if choice("masking", masking, MASKINGS) == surface.VCAVITY else 2)
+        uniforms = sampling_uniforms(u, 3 if choice("masking", masking, MASKINGS) == VCAVITY else 2)
         view = directions("v", v)
         if not (view[..., 2] - (self._mean * view[..., :2]).sum(axis=-1) >= 0.0).all():
             raise ValueError("v must be above the surface whose visible normals are sampled")
-        return self._ask(_SAMPLE, v=view, l=uniforms, masking=masking, components=3)
+        return self._ask(asking.VISIBLE_NORMAL, v=view, l=uniforms, masking=masking)
 
     def pdf_visible(self, v: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
         """Density of visible normals, G1(v, m) <v, m> D(m) / (v.n) (eq. 16), per steradian. Shape (...)."""
-        return self._ask(_PDF, v=v, m=m, masking=masking)
+        return self._ask(asking.PDF, v=v, m=m, masking=masking)
 
 
 class GGX(Distribution):
@@ -323,7 +205,7 @@ class GGX(Distribution):
 class Beckmann(Distribution):
     """The Beckmann distribution (Heitz 2014): D eq. 82, Λ eq. 83, exact with erf. Parameters as of `Distribution`."""
 
-    _code = surface.BECKMANN
+    _distribution = BECKMANN
 
 
 class BeckmannRational(Distribution):
@@ -332,4 +214,4 @@ class BeckmannRational(Distribution):
     It is 0.4 % off in G1. Parameters as of `Distribution`.
     """
 
-    _code = surface.BECKMANN_RATIONAL
+    _distribution = BECKMANN_RATIONAL

@@ -14,13 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import block, kernels
+from . import block, kernels, parts
 from . import energy_formulas as formulas
-from . import microsurface as surface
 from .checks import CORRELATIONS, DISTRIBUTIONS, MASKINGS, choice, scalar
 from .compiled import Array, Kernel, run
 from .energy_formulas import ACROSS, AVERAGES, COLUMNS, FREE, NARROW, ROWS, WIDEST, WIDTHS
 from .fresnel import DIELECTRIC
+from .lobe import surface
+from .masking import VCAVITY
+from .microsurface import PHONG
 from .quadrature import quadrature_nodes
 
 #: Largest error of E by a table, absolute and relative: for any direction and alpha, with the slopes' alphas along
@@ -33,7 +35,7 @@ POINTS = (20, 12, 9, 5)
 RESOLUTION = 32
 
 
-def _integrated(v: Array, alpha: Array, distribution: int, masking: int, correlation: int) -> Array:
+def _integrated(v: Array, alpha: Array, distribution: str, masking: str, correlation: str) -> Array:
     """E by quadrature, of a lobe with F = 1."""
     # Total reflection inside a dense dielectric: F is 1 and its formula is not asked.
     white = block.Parameters(
@@ -50,23 +52,16 @@ def _integrated(v: Array, alpha: Array, distribution: int, masking: int, correla
         tint=np.ones(3),
     )
     modes = block.Modes(
-        kind=DIELECTRIC,
-        distribution=distribution,
-        masking=masking,
-        correlation=correlation,
-        compensation=formulas.NONE,
-        scatter=block.REFLECT,
-        retro_transmission=0,
-        skewed=0,
-        fifth=1,
+        kind=DIELECTRIC, compensation=formulas.NONE, scatter=block.REFLECT, retro_transmission=0
     )
+    modes = parts.answering("albedo", modes, surface(distribution, masking, correlation, False), True)
     tables = [np.ones((2, 2)), quadrature_nodes(RESOLUTION)]
     (albedo,), _ = run(kernels.INTEGRATE, [-v, np.zeros(3), *white], modes, [3], tables)
     return np.asarray(albedo[..., 0])
 
 
 @lru_cache(maxsize=32)
-def white_albedo_table(distribution: int, masking: int, correlation: int) -> Array:
+def white_albedo_table(distribution: str, masking: str, correlation: str) -> Array:
     """E of any lobe, and its averages in the last rows.
 
     Over [0, 1] the grid is even in: the roughness across v over WIDEST; the free share of the slopes across v,
@@ -155,7 +150,7 @@ def _look_up_named(
     v: Array, alpha: ArrayLike, alpha_y: ArrayLike | None, distribution: str, masking: str, correlation: str
 ) -> tuple[Array, Array]:
     code = choice("distribution", distribution, DISTRIBUTIONS)
-    mask = surface.VCAVITY if code == surface.PHONG else choice("masking", masking, MASKINGS)
+    mask = VCAVITY if code == PHONG else choice("masking", masking, MASKINGS)
     x = scalar("alpha", alpha, 0.0, open_low=True)[..., 0]
     y = x if alpha_y is None else scalar("alpha_y", alpha_y, 0.0, open_low=True)[..., 0]
     table = white_albedo_table(code, mask, choice("correlation", correlation, CORRELATIONS))

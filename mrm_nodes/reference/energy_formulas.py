@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from .compiled import Array, formula
-from .microsurface import stretched_sine_squared
+from .microsurface import SHEARED, Slopes
+from .vec import Vec
 
 NONE = 0
 MATERIALX_1_39_5 = 1
@@ -81,6 +82,16 @@ def _bilinear(table: Array, i: int, x: float, j: int, y: float) -> float:
     return value
 
 
+_standard_direction = SHEARED.direction
+
+
+@formula
+def _stretched_sine_squared(x: float, y: float, ax: float, ay: float, correlation: float) -> float:
+    """alpha_o² sin² θ (Heitz 2014, eq. 93)."""
+    d = _standard_direction(Vec(x, y, 0.0), Slopes(ax, ay, correlation, 0.0, 0.0))
+    return d.x * d.x + d.y * d.y
+
+
 @formula
 def albedo_lookup(
     x: float, y: float, z: float, ax: float, ay: float, correlation: float, table: Array
@@ -88,12 +99,12 @@ def albedo_lookup(
     """E at a direction: linear in its cosine in the standard configuration, in the roughness along it and
     across it, and in how little the slopes along and across are correlated."""
     sine_squared = x * x + y * y
-    stretched = stretched_sine_squared(x, y, ax, ay, correlation)
+    stretched = _stretched_sine_squared(x, y, ax, ay, correlation)
     # At the normal every azimuth is as good.
     along, across = max(ax, ay), min(ax, ay)
     if sine_squared > 0.0:
         along = math.sqrt(stretched / sine_squared)
-        across = math.sqrt(stretched_sine_squared(-y, x, ax, ay, correlation) / sine_squared)
+        across = math.sqrt(_stretched_sine_squared(-y, x, ax, ay, correlation) / sine_squared)
     free = ax * ay * math.sqrt(1.0 - correlation * correlation) / max(along * across, 1e-300)
     up = max(z, 0.0)
     i, a = _cell(up / math.sqrt(max(up * up + stretched, 1e-300)), ROWS)

@@ -6,13 +6,15 @@ The scalar formulas are compiled; the public functions below them take and retur
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .checks import LARGEST_INDEX, check_shapes, numbers
-from .compiled import Array, Kernel, contracted, formula, run
+from .compiled import Array, Kernel, contracted, formula, inlined, run
 
 DIELECTRIC = 0
 CONDUCTOR = 1
@@ -66,13 +68,13 @@ def conductor_reflectance(cosine: float, n: float, k: float) -> float:
     over_1 = (n - 1.0) * (n + 1.0) - k2
     real = n2 - k2 - s2 if n2 + k2 < _THIN else over_1 + c2
     modulus = math.sqrt(real * real + 4.0 * imaginary * imaginary)
-    # a or b, whichever is the root of a sum; 2 a b is the imaginary part of g².
+    # a or b, whichever is the root of a sum. Where it is b, a = nk / b, and what is divided by is multiplied by b.
     root = math.sqrt(0.5 * (modulus + abs(real)))
-    a = root if real >= 0.0 else imaginary / max(root, 1e-300)
-    perpendicular = c2 + modulus + 2.0 * cosine * a
+    a, b = (root, 1.0) if real >= 0.0 else (imaginary, root)
+    perpendicular = (c2 + modulus) * b + 2.0 * cosine * a
     both = c2 * modulus + s2 * s2
-    above = (over_1 * over_1 + 4.0 * imaginary * imaginary) * both
-    below = perpendicular * perpendicular * (both + 2.0 * cosine * a * s2)
+    above = (over_1 * over_1 + 4.0 * imaginary * imaginary) * both * (b * b * b)
+    below = perpendicular * perpendicular * (both * b + 2.0 * cosine * a * s2)
     return min(above / below, 1.0) if below > 0.0 else 1.0
 
 
@@ -120,6 +122,67 @@ def index_from_f0(f0: float) -> float:
     """
     root = math.sqrt(min(max(f0, 0.01), 0.99))
     return (1.0 + root) / (1.0 - root)
+
+
+@formula
+def outer_cosine(cosine: float, side: float, index: float) -> float:
+    """The cosine on the outside of an interface, -1 where there is none: total internal reflection."""
+    squared = 1.0 - index * index * (1.0 - cosine * cosine)
+    outer = math.sqrt(max(squared, 0.0))
+    return cosine if side > 0.0 else (outer if squared > 0.0 else -1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """What reflects at a facet."""
+
+    name: str
+    kind: int
+    reflectance: Callable[..., Any]
+    """(outer cosine, a, b, c, exponent): of one colour, and 1 where there is no such cosine."""
+    is_grey: bool
+    """Whether all colours are reflected alike."""
+
+
+@inlined
+def _dielectric(cosine: float, a: float, b: float, c: float, exponent: float) -> float:
+    return dielectric_reflectance(cosine, a) if cosine > 0.0 else 1.0
+
+
+@inlined
+def _conductor(cosine: float, a: float, b: float, c: float, exponent: float) -> float:
+    return conductor_reflectance(cosine, a, b)
+
+
+@inlined
+def _schlick(cosine: float, a: float, b: float, c: float, exponent: float) -> float:
+    return 1.0 if cosine < 0.0 else schlick_reflectance(cosine, a, b, c, exponent)
+
+
+@inlined
+def _schlick_5(cosine: float, a: float, b: float, c: float, exponent: float) -> float:
+    return 1.0 if cosine < 0.0 else schlick_reflectance_5(cosine, a, b, c)
+
+
+INTERFACES = {
+    each.name: each
+    for each in (
+        Interface("dielectric", DIELECTRIC, _dielectric, True),
+        Interface("conductor", CONDUCTOR, _conductor, False),
+        Interface("schlick", SCHLICK, _schlick, False),
+        Interface("schlick 5", SCHLICK, _schlick_5, False),
+    )
+}
+
+
+def interface(kind: int, is_fifth: bool) -> Interface:
+    """What reflects by a kind's equation; `is_fifth`: whether each exponent of Schlick's is 5."""
+    names = {
+        DIELECTRIC: "dielectric",
+        CONDUCTOR: "conductor",
+        SCHLICK: "schlick 5" if is_fifth else "schlick",
+    }
+    return INTERFACES[names[kind]]
 
 
 def _fresnel(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:

@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import microsurface as surface
 from .albedo_fit import split_sum
 from .bsdf import Lobe
 from .compiled import Array, Kernel, formula, run
@@ -28,7 +27,10 @@ from .fresnel import (
     dielectric_reflectance,
     schlick_curve,
 )
+from .masking import SMITH, VCAVITY
+from .microsurface import BECKMANN, GGX, PHONG, Alpha, microsurface
 from .thinfilm import film_reflectance
+from .vec import Vec
 
 UNIT = 2.0**-24
 """Half a unit in the last place of a float32 below 1: one rounding."""
@@ -396,14 +398,21 @@ def _fresnel(
     return f0, f1, f2, d0, d1, d2
 
 
+_CODES = {GGX: 0, BECKMANN: 1, PHONG: 2}
+_GGX, _BECKMANN, _PHONG = _CODES.values()
+_seen_by_ggx, _seen_by_beckmann = microsurface(GGX).wanted("seen"), microsurface(BECKMANN).wanted("seen")
+ggx_normals, _beckmann_normals = microsurface(GGX).D, microsurface(BECKMANN).D
+_phong_normals = microsurface(PHONG).D
+
+
 @formula
 def _smith(x: float, y: float, z: float, ax: float, ay: float, distribution: int) -> float:
     """1 + 2 Λ ([Heitz] eqs. 72 and 83)."""
-    squared = surface.stretched_sine_squared(x, y, ax, ay, 0.0)
-    if distribution == surface.BECKMANN:
-        return 2.0 * surface.beckmann_projected_area(z, math.sqrt(squared)) / z - 1.0
-    if distribution == surface.GGX:
-        return math.sqrt(z * z + squared) / z
+    w, a = Vec(x, y, z), Alpha(ax, ay)
+    if distribution == _BECKMANN:
+        return 2.0 * _seen_by_beckmann(w, a).area / z - 1.0
+    if distribution == _GGX:
+        return 2.0 * _seen_by_ggx(w, a).area / z - 1.0
     raise NotImplementedError("masking of this distribution")
 
 
@@ -412,11 +421,10 @@ def _normals(x: float, y: float, z: float, ax: float, ay: float, distribution: i
     """D of a unit normal, 0 where it lies flat."""
     if z <= 0.0:
         return 0.0
-    if distribution == surface.BECKMANN:
-        norm = surface.slope_norm_squared(x, y, z, ax, ay, 0.0, 0.0, 0.0)
-        return surface.beckmann_normals(z, norm, 1.0, ax, ay, 0.0)
-    if distribution == surface.PHONG:
-        return surface.phong_normals(x, y, z, 1.0, ax, ay)
+    if distribution == _BECKMANN:
+        return _beckmann_normals(Vec(x, y, z), Alpha(ax, ay))
+    if distribution == _PHONG:
+        return _phong_normals(Vec(x, y, z), Alpha(ax, ay))
     raise NotImplementedError("D of this distribution")
 
 
@@ -425,7 +433,7 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
     views, axes, alphas, shares = inputs[0], inputs[1], inputs[2], inputs[3]
     a, b, c, exponents, films, film_indices = inputs[4], inputs[5], inputs[6], inputs[7], inputs[8], inputs[9]
     samples, texels, levels, arcs, limits = inputs[10], inputs[11], inputs[12], inputs[13], inputs[14]
-    kind, distribution, masking = modes[0], modes[1], modes[2]
+    kind, distribution, is_vcavity = modes[0], modes[1], modes[2] != 0
     value, most, usual, white = outputs[0], outputs[1], outputs[2], outputs[3]
     count = samples.shape[0]
     total, shared, own, squares, bare = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -437,8 +445,8 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
         widest = max(ax, ay)
         exponent, film, film_index = exponents[i, 0], films[i, 0], film_indices[i, 0]
         stretched = math.sqrt(ax * ax * vx * vx + ay * ay * vy * vy + vz * vz)
-        drawn_v = _smith(vx, vy, vz, ax, ay, surface.GGX)
-        masked_v = drawn_v if masking == surface.VCAVITY else _smith(vx, vy, vz, ax, ay, distribution)
+        drawn_v = _smith(vx, vy, vz, ax, ay, _GGX)
+        masked_v = drawn_v if is_vcavity else _smith(vx, vy, vz, ax, ay, distribution)
         g1 = 2.0 / (1.0 + drawn_v)
         # The view in the configuration where alpha is 1 ([Cap] section 3).
         ux, uy, uz = ax * vx / stretched, ay * vy / stretched, vz / stretched
@@ -452,12 +460,12 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
             cosine = min(max(vx * hx + vy * hy + vz * hz, SMALLEST), 1.0)
             lx, ly, lz = 2.0 * cosine * hx - vx, 2.0 * cosine * hy - vy, 2.0 * cosine * hz - vz
             own_light, shared_light = 2.0 * own_half + 6.0 * UNIT, 2.0 * shared_half + VIEW + AXES
-            normals = surface.ggx_normals(hx, hy, hz, 1.0, ax, ay)
+            normals = ggx_normals(Vec(hx, hy, hz), Alpha(ax, ay))
             density = normals * g1 / (4.0 * vz)
             of_density = of_normals + along_v * VIEW / vz + 16.0 * UNIT
 
             lit = max(lz, SMALLEST)
-            if masking == surface.VCAVITY:
+            if is_vcavity:
                 g = min(1.0, 2.0 * hz * min(vz, lit) / cosine)
                 of_g = (
                     (own_half + shared_half) / max(hz, SMALLEST)
@@ -471,7 +479,7 @@ def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, out
                 of_g = (
                     along_l * masked_l * (own_light + shared_light) / lit + along_v * masked_v * VIEW / vz
                 ) / (masked_v + masked_l)
-            if distribution != surface.GGX:
+            if distribution != _GGX:
                 g *= _normals(hx, hy, hz, ax, ay, distribution) / normals
                 slope = math.sqrt(max(1.0 - hz * hz, 0.0)) / max(hz, SMALLEST)
                 # An exponential of the slope's square over alpha's.
@@ -585,7 +593,9 @@ def filtered_samples(
         _limits(levels, driver),
     ]
     inputs = [np.broadcast_to(each, (len(v), each.shape[-1])) for each in inputs]
-    decided = [modes.kind, modes.distribution, modes.masking]
+    if lobe._distribution not in _CODES or lobe._masking not in (SMITH, VCAVITY):
+        raise NotImplementedError(f"{lobe._distribution}, {lobe._masking}: there is no image light of it")
+    decided = [modes.kind, _CODES[lobe._distribution], int(lobe._masking == VCAVITY)]
     (value, most, usual, white), _ = run(SUM_SAMPLES, inputs, decided, [3, 3, 3, 3], tables)
     return Sum(value, most, usual, white)
 

@@ -1,7 +1,7 @@
-"""The loops over arrays: evaluate, density, draw, integrate, reflectance.
+"""The loops over arrays, one for each question: evaluate, density, sample, integrate, reflectance.
 
-Equation numbers are those of 001, "The Minimal Retroreflective Microfacet Model".
-"""
+Each goes through its configurations by the block: it has the lobe's parts compute what the papers say, and does what
+is the same for every lobe. Equation numbers are those of 001, "The Minimal Retroreflective Microfacet Model"."""
 
 import math
 from typing import Any
@@ -9,40 +9,48 @@ from typing import Any
 import numpy as np
 
 from . import energy_formulas as energy
-from . import microsurface as surface
-from . import passes
 from .block import (
+    A0,
+    A1,
+    A2,
     ALBEDO,
     AX,
     AY,
     BLOCK,
     BOTH,
+    CHANCE,
     COMPENSATION,
-    DISTRIBUTION,
+    COSINE,
+    DENSITY,
     EX,
     EY,
     EZ,
+    FAR_COSINE,
     FB,
     FG,
+    FILM,
     FORWARD,
     FR,
     GX,
+    GY,
     GZ,
-    HH,
-    HZ,
+    HORIZON,
     IN_L,
     IN_NODES,
     IN_TABLE,
     IN_V,
     INDEX,
+    KEPT,
     KIND,
-    LH,
+    LOBE,
     LX,
     LY,
     LZ,
-    MASKING,
     MX,
     MY,
+    NX,
+    NY,
+    NZ,
     OB,
     OG,
     OR,
@@ -50,8 +58,21 @@ from .block import (
     PB,
     PG,
     PR,
+    QUADRATURE_NORMALS,
     REFLECT,
+    REFLECTANCE,
+    REFLECTED,
+    REFLECTED_SHARE,
+    REFLECTION,
+    REFLECTION_DENSITY,
+    REFRACTED,
+    REFRACTED_SHARE,
+    REFRACTION,
+    REFRACTION_DENSITY,
     RETRO,
+    RETRO_COSINE,
+    RETRO_FAR_COSINE,
+    RETRO_LOBE,
     RETRO_SHARE,
     RETRO_TRANSMISSION,
     RXY,
@@ -59,107 +80,180 @@ from .block import (
     SIDE,
     SIZE,
     T0,
-    TB,
-    TG,
-    TR,
+    T1,
+    T2,
     TRANSMIT,
+    TURNS,
     VARIES,
-    VH,
-    VISIBLE,
+    VISIBLE_NORMALS,
+    VM,
     VX,
-    D,
+    VY,
+    VZ,
+    WEIGHT,
     Parameters,
     ask_ahead,
-    clear,
     load_directions,
     load_parameters,
+    not_unit,
     store,
     store_colours,
 )
-from .compiled import Array, Kernel, formula, inlined
-from .fresnel import CONDUCTOR, DIELECTRIC
-from .sampling import sample_normal, sample_visible_smith
-from .single import draw_one, scattered
+from .compensation import compensate, finish_albedo, finish_reflection, typical_reflectance, white_albedo
+from .compiled import Array, Kernel, call, formula, inlined
+from .energy_formulas import compensation
+from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK, dielectric_transmittance, index_from_f0, outer_cosine
+from .microsurface import SHEARED, Slopes
+from .vec import Vec, reflected, refracted
+
+_standard_direction = SHEARED.direction
 
 INPUTS = 2 + len(Parameters._fields) + 1
 SMALLEST_NORMAL = float(np.finfo(np.float64).tiny)
 
 
+@formula
+def _derive(s: Array, modes: Any) -> None:
+    """What follows from the parameters: the index of the inside, of which a conductor has none."""
+    s[TURNS] = 1.0 if modes[RETRO_TRANSMISSION] != 0 else 0.0
+    if modes[KIND] == SCHLICK:
+        for i in range(BLOCK):
+            s[INDEX + i] = index_from_f0((s[A0 + i] + s[A1 + i] + s[A2 + i]) / 3.0)
+    elif modes[KIND] == DIELECTRIC:
+        for i in range(BLOCK):
+            s[INDEX + i] = s[A0 + i]
+
+
 @inlined
-def _load(s: Array, inputs: Any, modes: Any, begin: int, count: int, first: bool) -> None:
-    """The parameters of a block, and the index that follows from them, unless the last block's are the same."""
+def load(s: Array, inputs: Any, modes: Any, begin: int, count: int, first: bool) -> None:
+    """The parameters of a block, and what follows from them, unless the last block's are the same."""
     if first or s[VARIES] > 0.0:
         load_parameters(s, inputs, begin, count, first)
-        passes.indices(s, modes)
+        _derive(s, modes)
 
 
 @formula
-def _reflect(s: Array, modes: Any, retro: bool) -> None:
-    """Add one reflection lobe (eq. 1), times its share of the blend."""
-    passes.reflecting_normal(s, modes)
-    passes.visibility(s, modes)
-    passes.reflecting_cosine(s, modes)
-    passes.fresnel(s, modes)
-    if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
-        passes.compensate(s, FR)
+def _place(s: Array, modes: Any) -> int:
+    """v and l as seen from v's side; returns how many of them are not of unit length.
+
+    Seen from inside, a surface is its own point reflection: v and l are negated, and slopes keep their
+    distribution. A conductor has no inside: v stays below the surface, where nothing is lit."""
+    inside = 1.0 if modes[KIND] == CONDUCTOR else -1.0
+    rejected = 0
     for i in range(BLOCK):
-        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
-        lit = min(min(s[EZ + i], s[GZ + i]), share) > 0.0
-        lobe = 0.25 * share * s[D + i] * s[VISIBLE + i]
-        red, green, blue = lobe * s[FR + i], lobe * s[FG + i], lobe * s[FB + i]
-        # What does not reflect may not even have a half vector: nothing computed from it is kept.
-        s[OR + i] += red if lit else 0.0
-        s[OG + i] += green if lit else 0.0
-        s[OB + i] += blue if lit else 0.0
+        rejected += _see(s, i, s[VX + i], s[VY + i], s[VZ + i], s[LX + i], s[LY + i], s[LZ + i], inside)
+    return rejected
 
 
 @formula
-def _finish_reflection(s: Array, modes: Any, table: Array) -> None:
-    """The compensations that are the same for both lobes."""
-    scheme = modes[COMPENSATION]
-    if scheme == energy.MATERIALX_1_39_6 or scheme == energy.TURQUIN:
-        passes.typical_reflectance(s, modes)
-        passes.compensate(s, OR)
-    elif scheme == energy.KULLA_CONTY:
-        passes.multiple_reflectance(s, modes, table)
-        passes.look_up(s, GX, LH, table)
+def _place_view(s: Array, modes: Any) -> int:
+    """`_place` of v alone."""
+    inside = 1.0 if modes[KIND] == CONDUCTOR else -1.0
+    rejected = 0
+    for i in range(BLOCK):
+        rejected += _see(s, i, s[VX + i], s[VY + i], s[VZ + i], s[VX + i], s[VY + i], s[VZ + i], inside)
+    return rejected
+
+
+@inlined
+def _load_placed(
+    s: Array,
+    modes: Any,
+    v: Array,
+    l: Array,  # noqa: E741
+    dense_v: Array,
+    dense_l: Array,
+    begin: int,
+    count: int,
+    first: bool,
+) -> int:
+    """Directions of a block, as seen from v's side; what `load_directions` and `_place` do, in one loop where memory
+    has both in one piece."""
+    if dense_v.size > 0 and dense_l.size > 0 and count == BLOCK and begin >= 0:
+        return _place_dense(s, modes, dense_v, dense_l, 3 * begin)
+    load_directions(s, VX, v, dense_v, begin, count, first)
+    load_directions(s, LX, l, dense_l, begin, count, first)
+    return _place(s, modes)
+
+
+@formula
+def _place_dense(s: Array, modes: Any, v: Array, l: Array, start: int) -> int:  # noqa: E741
+    if start < 0:
+        return 0
+    inside = 1.0 if modes[KIND] == CONDUCTOR else -1.0
+    rejected = 0
+    ask_ahead(v, start + 3 * BLOCK)
+    ask_ahead(l, start + 3 * BLOCK)
+    for i in range(BLOCK):
+        k = start + 3 * i
+        rejected += _see(s, i, v[k], v[k + 1], v[k + 2], l[k], l[k + 1], l[k + 2], inside)
+    return rejected
+
+
+@inlined
+def _see(
+    s: Array, i: int, vx: float, vy: float, vz: float, lx: float, ly: float, lz: float, inside: float
+) -> int:
+    side = 1.0 if vz >= 0.0 else inside
+    s[SIDE + i] = side
+    s[EX + i] = side * vx
+    s[EY + i] = side * vy
+    s[EZ + i] = side * vz if abs(vz) > HORIZON else 0.0
+    s[GX + i] = side * lx
+    s[GY + i] = side * ly
+    s[GZ + i] = side * lz if abs(lz) > HORIZON else 0.0
+    return not_unit(vx, vy, vz) + not_unit(lx, ly, lz)
+
+
+@inlined
+def _reflectance(s: Array, modes: Any, cosine: int) -> None:
+    """F where v meets a normal that reflects it, by the row of v.m."""
+    if modes[KIND] == CONDUCTOR:
         for i in range(BLOCK):
-            lit = min(s[EZ + i], s[GZ + i]) > 0.0
-            lost = (1.0 - s[ALBEDO + i]) * (1.0 - s[LH + i]) / math.pi if lit else 0.0
-            s[OR + i] += lost * s[TR + i]
-            s[OG + i] += lost * s[TG + i]
-            s[OB + i] += lost * s[TB + i]
+            s[OUTER + i] = s[cosine + i]
+    else:
+        for i in range(BLOCK):
+            s[OUTER + i] = outer_cosine(s[cosine + i], s[SIDE + i], s[INDEX + i])
+    call(modes[REFLECTANCE], s)
 
 
-@formula
-def _refract(s: Array, modes: Any, retro: bool) -> None:
-    """Add one transmission lobe (eq. 2), times its share."""
-    passes.refracting_normal(s)
-    passes.normals(s, modes)
-    passes.visibility_across(s, modes)
-    passes.transmittance(s, modes)
+@inlined
+def _transmittance(s: Array, modes: Any, cosine: int, far_cosine: int) -> None:
+    """1 - F at the refracting normal, from both cosines where they are what it is made of (eq. 11)."""
     for i in range(BLOCK):
-        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
-        share = share if modes[RETRO_TRANSMISSION] != 0 else 1.0
-        near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
-        # (ηv v.h + ηl l.h)² is the squared length of the vector that h was normalised from.
-        lobe = share * s[D + i] * s[VISIBLE + i] * s[VH + i] * s[LH + i] * near * near / s[HH + i]
-        red, green, blue = lobe * s[FR + i], lobe * s[FG + i], lobe * s[FB + i]
-        lit = min(_refracts(s, i), share) > 0.0
-        s[OR + i] += red if lit else 0.0
-        s[OG + i] += green if lit else 0.0
-        s[OB + i] += blue if lit else 0.0
+        s[OUTER + i] = s[cosine + i] if s[SIDE + i] > 0.0 else s[far_cosine + i]
+    call(modes[REFLECTANCE], s)
+    for i in range(BLOCK):
+        s[FR + i] = 1.0 - s[FR + i]
+        s[FG + i] = 1.0 - s[FG + i]
+        s[FB + i] = 1.0 - s[FB + i]
+    if modes[KIND] == DIELECTRIC:
+        for i in range(BLOCK):
+            near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
+            far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
+            t = dielectric_transmittance(s[cosine + i], near, s[far_cosine + i], far)
+            s[FR + i] = s[FR + i] if s[FILM + i] > 0.0 else t
+            s[FG + i] = s[FG + i] if s[FILM + i] > 0.0 else t
+            s[FB + i] = s[FB + i] if s[FILM + i] > 0.0 else t
 
 
-@formula
-def _refracts(s: Array, i: int) -> float:
-    """Above 0 where l is across, both directions face the normal, and the index is not 1, where refraction
-    is a delta.
-    """
-    facing = min(min(s[VH + i], s[LH + i]), s[HZ + i])
-    across = min(s[EZ + i], -s[GZ + i])
-    all_of: float = min(min(facing, across), abs(s[INDEX + i] - 1.0))
-    return all_of
+@inlined
+def _share(s: Array, i: int, is_retro: bool) -> float:
+    share: float = s[RETRO + i] if is_retro else 1.0 - s[RETRO + i]
+    return share
+
+
+@inlined
+def _add(s: Array, row: int, is_retro: bool, is_shared: bool) -> None:
+    """Add a lobe times its factor F to the result, by its share of the blend."""
+    for i in range(BLOCK):
+        share = _share(s, i, is_retro) if is_shared else 1.0
+        value = share * s[row + i]
+        # Where nothing is scattered F may be no number.
+        lit = value != 0.0
+        s[OR + i] += value * s[FR + i] if lit else 0.0
+        s[OG + i] += value * s[FG + i] if lit else 0.0
+        s[OB + i] += value * s[FB + i] if lit else 0.0
 
 
 @formula
@@ -171,77 +265,68 @@ def _any_across(s: Array) -> bool:
 
 
 @formula
-def _evaluate_block(s: Array, modes: Any, table: Array) -> None:
-    """f(v, l) of the whole lobe into the result's rows."""
+def _reflect(s: Array, modes: Any) -> None:
+    """The reflection lobes (eq. 1), each times its share of the blend, into the result."""
+    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
+    call(modes[REFLECTION], s)
+    if forward:
+        _reflectance(s, modes, COSINE)
+        if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
+            compensate(s, FR)
+        for i in range(BLOCK):
+            value = (1.0 - s[RETRO + i]) * s[LOBE + i]
+            s[OR + i] = value * s[FR + i]
+            s[OG + i] = value * s[FG + i]
+            s[OB + i] = value * s[FB + i]
+    else:
+        _clear(s)
+    if retro:
+        _reflectance(s, modes, RETRO_COSINE)
+        if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
+            compensate(s, FR)
+        for i in range(BLOCK):
+            value = s[RETRO + i] * s[RETRO_LOBE + i]
+            s[OR + i] += value * s[FR + i]
+            s[OG + i] += value * s[FG + i]
+            s[OB + i] += value * s[FB + i]
+
+
+@inlined
+def _clear(s: Array) -> None:
     for i in range(3 * BLOCK):
         s[OR + i] = 0.0
-    if modes[MASKING] != surface.VCAVITY:
-        passes.areas(s, modes)
-    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
+
+
+@formula
+def _refract(s: Array, modes: Any) -> None:
+    """Add the transmission lobes (eq. 2), each times its share, to the result."""
+    call(modes[REFRACTION], s)
+    turns = s[TURNS] > 0.0
+    if s[FORWARD] > 0.0 or not turns:
+        _transmittance(s, modes, COSINE, FAR_COSINE)
+        if turns:
+            _add(s, LOBE, False, True)
+        else:
+            _add(s, LOBE, False, False)
+    if s[RETRO_SHARE] > 0.0 and turns:
+        _transmittance(s, modes, RETRO_COSINE, RETRO_FAR_COSINE)
+        _add(s, RETRO_LOBE, True, True)
+
+
+@formula
+def _evaluate_block(s: Array, modes: Any, table: Array) -> None:
+    """f(v, l) of the whole lobe into the result's rows."""
     if modes[SCATTER] != TRANSMIT:
-        for lobe in range(2):
-            if (lobe == 1 and not retro) or (lobe == 0 and not forward):
-                continue
-            if lobe == 1:
-                passes.turn(s)
-            _reflect(s, modes, lobe == 1)
-            if lobe == 1:
-                passes.turn(s)
-        _finish_reflection(s, modes, table)
+        _reflect(s, modes)
+        if modes[COMPENSATION] != energy.NONE:
+            finish_reflection(s, modes, table)
+    else:
+        _clear(s)
     if modes[SCATTER] != REFLECT and _any_across(s):
-        turned = modes[RETRO_TRANSMISSION] != 0
-        for lobe in range(2):
-            if (lobe == 1 and not (turned and retro)) or (lobe == 0 and turned and not forward):
-                continue
-            if lobe == 1:
-                passes.turn(s)
-            _refract(s, modes, lobe == 1)
+        _refract(s, modes)
     if modes[KIND] == DIELECTRIC:
         for i in range(3 * BLOCK):
             s[OR + i] *= s[T0 + i]
-
-
-@formula
-def _plain_colours(s: Array, modes: Any) -> None:
-    """The tinted reflectance at OUTER, which holds v.h, times VISIBLE."""
-    if modes[KIND] != CONDUCTOR:
-        for i in range(BLOCK):
-            s[OUTER + i] = passes.outer_cosine(s[OUTER + i], s[SIDE + i], s[INDEX + i])
-    passes.fresnel(s, modes)
-    if modes[KIND] == DIELECTRIC:
-        for i in range(3 * BLOCK):
-            s[FR + i] *= s[T0 + i]
-
-
-@formula
-def _evaluate_plain(s: Array, modes: Any, v: Array, l: Array, out: Array, start: int) -> int:  # noqa: E741
-    """`_evaluate_block` of what is `passes.plain`, from directions in one piece straight to the result."""
-    if start < 0:
-        return 0
-    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
-    rejected = 0
-    if forward:
-        rejected = passes.plain_lobe(s, modes, v, l, start, 1.0)
-        _plain_colours(s, modes)
-        if retro:
-            for i in range(BLOCK):
-                s[OR + i] = s[VISIBLE + i] * s[FR + i]
-                s[OG + i] = s[VISIBLE + i] * s[FG + i]
-                s[OB + i] = s[VISIBLE + i] * s[FB + i]
-    if retro:
-        rejected = passes.plain_lobe(s, modes, v, l, start, -1.0)
-        _plain_colours(s, modes)
-    if forward and retro:
-        for i in range(BLOCK):
-            out[start + 3 * i] = s[OR + i] + s[VISIBLE + i] * s[FR + i]
-            out[start + 3 * i + 1] = s[OG + i] + s[VISIBLE + i] * s[FG + i]
-            out[start + 3 * i + 2] = s[OB + i] + s[VISIBLE + i] * s[FB + i]
-    else:
-        for i in range(BLOCK):
-            out[start + 3 * i] = s[VISIBLE + i] * s[FR + i]
-            out[start + 3 * i + 1] = s[VISIBLE + i] * s[FG + i]
-            out[start + 3 * i + 2] = s[VISIBLE + i] * s[FB + i]
-    return rejected
 
 
 def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
@@ -250,22 +335,15 @@ def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs
     # Taken out of their tuples once: each time costs a count of references.
     v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
     table, out = inputs[IN_TABLE], outputs[0]
-    plain = passes.plain(modes) and dense_v.size > 0 and dense_l.size > 0
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         first = begin == start
         ask_ahead(out, 3 * begin)
-        _load(s, inputs, modes, begin, count, first)
-        if plain and count == BLOCK:
-            ask_ahead(dense_v, 3 * (begin + BLOCK))
-            ask_ahead(dense_l, 3 * (begin + BLOCK))
-            rejected += _evaluate_plain(s, modes, dense_v, dense_l, out, 3 * begin)
-            continue
-        load_directions(s, VX, v, dense_v, begin, count, first)
-        load_directions(s, LX, l, dense_l, begin, count, first)
-        rejected += passes.place(s, modes, True)
-        passes.white_albedo(s, modes, table)
+        load(s, inputs, modes, begin, count, first)
+        rejected += _load_placed(s, modes, v, l, dense_v, dense_l, begin, count, first)
+        if modes[COMPENSATION] != energy.NONE:
+            white_albedo(s, modes, table)
         _evaluate_block(s, modes, table)
         store_colours(s, out, OR, begin, count)
     return rejected
@@ -274,75 +352,57 @@ def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs
 EVALUATE = Kernel(evaluate, INPUTS, 1)
 
 
-@formula
-def _reflection_density(s: Array, modes: Any, retro: bool) -> None:
-    """Add the density of l where a visible normal reflects v (Section 4, with the Jacobian of eq. 4)."""
-    passes.reflecting_normal(s, modes)
-    passes.visible_density(s, modes)
-    both = modes[SCATTER] == BOTH
-    if both:
-        passes.reflecting_cosine(s, modes)
-        passes.fresnel(s, modes)
+@inlined
+def _add_density(s: Array, row: int, is_both: bool, is_retro: bool, is_shared: bool) -> None:
+    """Add a density, by its share of the blend and, where a lobe reflects and transmits, by how probable it is."""
     for i in range(BLOCK):
-        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
-        lit = min(min(s[EZ + i], s[GZ + i]), share) > 0.0
-        chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if both else 1.0
-        density = 0.25 * share * chance * s[VISIBLE + i]
-        s[OR + i] += density if lit else 0.0
-
-
-@formula
-def _refraction_density(s: Array, modes: Any, retro: bool) -> None:
-    """Add the density of l where a visible normal refracts v: the Jacobian is eq. 5 with ηl² above."""
-    passes.refracting_normal(s)
-    passes.normals(s, modes)
-    passes.visible_density(s, modes)
-    both = modes[SCATTER] == BOTH
-    if both:
-        passes.transmittance(s, modes)
-    for i in range(BLOCK):
-        share = s[RETRO + i] if retro else 1.0 - s[RETRO + i]
-        share = share if modes[RETRO_TRANSMISSION] != 0 else 1.0
-        far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
-        chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if both else 1.0
-        density = share * chance * s[VISIBLE + i] * s[VH + i] * s[LH + i] * far * far / s[HH + i]
-        s[OR + i] += density if min(_refracts(s, i), share) > 0.0 else 0.0
+        share = _share(s, i, is_retro) if is_shared else 1.0
+        chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0 if is_both else 1.0
+        density = share * s[row + i]
+        s[DENSITY + i] += density * chance if density != 0.0 else 0.0
 
 
 @formula
 def _density_block(s: Array, modes: Any) -> None:
-    """The density of `draw` into the result's first row."""
-    clear(s, OR)
-    if modes[MASKING] != surface.VCAVITY:
-        passes.areas(s, modes)
+    """The density of `sample` into its row."""
+    for i in range(BLOCK):
+        s[DENSITY + i] = 0.0
     forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
+    both = modes[SCATTER] == BOTH
     if modes[SCATTER] != TRANSMIT:
-        for lobe in range(2):
-            if (lobe == 1 and not retro) or (lobe == 0 and not forward):
-                continue
-            if lobe == 1:
-                passes.turn(s)
-            _reflection_density(s, modes, lobe == 1)
-            if lobe == 1:
-                passes.turn(s)
+        call(modes[REFLECTION_DENSITY], s)
+        if forward:
+            if both:
+                _reflectance(s, modes, COSINE)
+            _add_density(s, LOBE, both, False, True)
+        if retro:
+            if both:
+                _reflectance(s, modes, RETRO_COSINE)
+            _add_density(s, RETRO_LOBE, both, True, True)
     if modes[SCATTER] != REFLECT and _any_across(s):
-        turned = modes[RETRO_TRANSMISSION] != 0
-        for lobe in range(2):
-            if (lobe == 1 and not (turned and retro)) or (lobe == 0 and turned and not forward):
-                continue
-            if lobe == 1:
-                passes.turn(s)
-            _refraction_density(s, modes, lobe == 1)
+        call(modes[REFRACTION_DENSITY], s)
+        turns = s[TURNS] > 0.0
+        if forward or not turns:
+            if both:
+                _transmittance(s, modes, COSINE, FAR_COSINE)
+            if turns:
+                _add_density(s, LOBE, both, False, True)
+            else:
+                _add_density(s, LOBE, both, False, False)
+        if retro and turns:
+            if both:
+                _transmittance(s, modes, RETRO_COSINE, RETRO_FAR_COSINE)
+            _add_density(s, RETRO_LOBE, both, True, True)
     if modes[COMPENSATION] == energy.KULLA_CONTY and modes[SCATTER] != TRANSMIT:
         for i in range(BLOCK):
             lost = 1.0 - s[ALBEDO + i]
             lit = min(s[EZ + i], s[GZ + i]) > 0.0
             diffuse = lost * s[GZ + i] / math.pi
-            s[OR + i] = (1.0 - lost) * s[OR + i] + (diffuse if lit else 0.0)
+            s[DENSITY + i] = (1.0 - lost) * s[DENSITY + i] + (diffuse if lit else 0.0)
 
 
 def density(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
-    """The density per steradian of what `draw` draws, into `outputs[0]`; returns as `evaluate` does."""
+    """The density per steradian of what `sample` draws, into `outputs[0]`; returns as `evaluate` does."""
     s = np.empty(SIZE)
     v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
     table, out = inputs[IN_TABLE], outputs[0]
@@ -350,161 +410,214 @@ def density(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         first = begin == start
-        load_directions(s, VX, v, dense_v, begin, count, first)
-        load_directions(s, LX, l, dense_l, begin, count, first)
-        _load(s, inputs, modes, begin, count, first)
-        rejected += passes.place(s, modes, True)
-        passes.white_albedo(s, modes, table)
+        load(s, inputs, modes, begin, count, first)
+        rejected += _load_placed(s, modes, v, l, dense_v, dense_l, begin, count, first)
+        if modes[COMPENSATION] != energy.NONE:
+            white_albedo(s, modes, table)
         _density_block(s, modes)
-        store(s, out, OR, begin, count)
+        store(s, out, DENSITY, begin, count)
     return rejected
 
 
-DENSITY = Kernel(density, INPUTS, 1)
+DENSITY_KERNEL = Kernel(density, INPUTS, 1)
 
 
-def draw(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
-    """Directions for the uniforms in `inputs[IN_L]`: the columns of `draw_one`."""
-    s = np.empty(SIZE)
-    v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
-    table, out = inputs[IN_TABLE], outputs[0]
-    rejected = 0
-    for begin in range(start, stop, BLOCK):
-        count = min(BLOCK, stop - begin)
-        first = begin == start
-        load_directions(s, VX, v, dense_v, begin, count, first)
-        load_directions(s, LX, l, dense_l, begin, count, first)
-        _load(s, inputs, modes, begin, count, first)
-        rejected += passes.place(s, modes, False)
-        passes.white_albedo(s, modes, table)
-        for i in range(count):
-            draw_one(s, i, modes, s[LX + i], s[LY + i], s[LZ + i], out, 8 * (begin + i))
-    return rejected
-
-
-DRAW = Kernel(draw, INPUTS, 1)
-
-
-def weigh(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
-    """Weights f |l.n| / pdf and densities of what `draw` drew (its columns, f, pdf); of a delta, what it
-    says itself.
-    """
-    drawn, value, densities = inputs[0], inputs[1], inputs[2]
-    weight, density = outputs[0], outputs[1]
-    for i in range(start, stop):
-        delta = drawn[i, 3] > 0.0
-        kept = drawn[i, 4] if delta else (densities[i, 0] if drawn[i, 4] > 0.0 else 0.0)
-        # Below float64's normal numbers a density has lost its digits, and one over it is infinite: rejected.
-        kept = kept if kept >= SMALLEST_NORMAL else 0.0
-        density[i] = kept
-        scale = abs(drawn[i, 2]) / kept if kept > 0.0 else 0.0
-        for c in range(3):
-            weight[3 * i + c] = drawn[i, 5 + c] if delta else scale * value[i, c]
-    return 0
-
-
-WEIGH = Kernel(weigh, 3, 2)
+@inlined
+def _leave(s: Array, i: int, l: Vec, turn: float, kept: bool) -> None:  # noqa: E741
+    """A direction that was drawn, as seen from outside; n where it is rejected."""
+    # Rounding grows with 1 / cosine; directions leave here of unit length.
+    size = math.sqrt(l.x * l.x + l.y * l.y + l.z * l.z)
+    side = s[SIDE + i]
+    s[LX + i] = turn * side * l.x / size if kept else 0.0
+    s[LY + i] = turn * side * l.y / size if kept else 0.0
+    s[LZ + i] = side * l.z / size if kept else 1.0
+    s[KEPT + i] = 1.0 if kept else 0.0
 
 
 @formula
-def _integrate_one(
-    s: Array, i: int, modes: Any, nodes: Array
-) -> tuple[float, float, float, float, float, float]:
-    """RGB reflected and transmitted, averaged over the normals that are seen from v."""
-    r0 = r1 = r2 = t0 = t1 = t2 = 0.0
-    ex, ey, ez = s[EX + i], s[EY + i], s[EZ + i]
-    side = s[SIDE + i]
-    if ez - s[MX + i] * ex - s[MY + i] * ey <= 0.0 or (modes[KIND] == CONDUCTOR and side < 0.0):
-        return r0, r1, r2, t0, t1, t2
-    boost = 0.0
-    if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
-        boost = (1.0 - s[ALBEDO + i]) / s[ALBEDO + i]
-    vcavity = modes[MASKING] == surface.VCAVITY
-    # Beckmann's visible normals need an equation solved for each; its slopes fall off fast enough to do
-    # without.
-    by_normals = vcavity or modes[DISTRIBUTION] != surface.GGX
-    total = 0.0
-    # The nodes' azimuth starts at v's, in the stretched configuration.
-    along, across = surface.stretched_azimuth(ex, ey, s[AX + i], s[AY + i], s[RXY + i])
-    start = math.atan2(across, along) / (2.0 * math.pi)
-    for k in range(nodes.shape[0]):
-        u0, u1, weight = nodes[k, 0] + start, nodes[k, 1], nodes[k, 2]
-        if by_normals:
-            mx, my, mz = sample_normal(modes[DISTRIBUTION], s[AX + i], s[AY + i], s[RXY + i], u0, u1)
-            mx, my = mx - s[MX + i] * mz, my - s[MY + i] * mz
-            length = math.sqrt(mx * mx + my * my + mz * mz)
-            mx, my, mz = mx / length, my / length, mz / length
-            cosine = max(ex * mx + ey * my + ez * mz, 0.0)
-            if vcavity:
-                # The nodes hold both facets of each cavity, so each stands for itself by how much of it is
-                # seen.
-                other = max(-ex * mx - ey * my + ez * mz, 0.0)
-                weight *= cosine / (cosine + other) if cosine > 0.0 else 0.0
-            else:
-                weight *= cosine / mz
-        else:
-            mx, my, mz = sample_visible_smith(
-                modes[DISTRIBUTION],
-                ex,
-                ey,
-                ez,
-                s[AX + i],
-                s[AY + i],
-                s[RXY + i],
-                s[MX + i],
-                s[MY + i],
-                u0,
-                u1,
-            )
-        total += weight
-        red, green, blue, reflected, transmitted = scattered(s, i, modes, ex, ey, ez, side, mx, my, mz)
-        r0 += weight * reflected * red * (1.0 + red * boost)
-        r1 += weight * reflected * green * (1.0 + green * boost)
-        r2 += weight * reflected * blue * (1.0 + blue * boost)
-        t0 += weight * transmitted * (1.0 - red)
-        t1 += weight * transmitted * (1.0 - green)
-        t2 += weight * transmitted * (1.0 - blue)
-    # The weights' own sum: what is left of the quadrature's error makes no energy.
-    return r0 / total, r1 / total, r2 / total, t0 / total, t1 / total, t2 / total
+def _draw_reflection(s: Array) -> None:
+    """l by a visible normal, then v or v' by the blend: into the rows of l, and `KEPT`.
+
+    The sample for v' is that for v turned about the normal: a visible normal of v' is (-mx, -my, mz) with
+    the same Fresnel term, G and density."""
+    for i in range(BLOCK):
+        l = reflected(Vec(s[EX + i], s[EY + i], s[EZ + i]), Vec(s[NX + i], s[NY + i], s[NZ + i]))  # noqa: E741
+        turn = -1.0 if s[LZ + i] < s[RETRO + i] else 1.0
+        _leave(s, i, l, turn, min(s[VM + i], l.z) > 0.0)
+        s[CHANCE + i] = 0.0
 
 
-def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
-    """The share of energy that is reflected and transmitted, before the tint; `inputs[IN_NODES]` is the
-    quadrature.
-    """
+@formula
+def _draw_any(s: Array, modes: Any) -> None:
+    """`_draw_reflection` of what may transmit: reflection or refraction by F first; deltas into `CHANCE` and the
+    result's rows."""
+    _reflectance(s, modes, VM)
+    call(modes[REFRACTED_SHARE], s)
+    for i in range(BLOCK):
+        v, m, vm = Vec(s[EX + i], s[EY + i], s[EZ + i]), Vec(s[NX + i], s[NY + i], s[NZ + i]), s[VM + i]
+        u, chance = s[LZ + i], 1.0
+        transmits = True
+        if modes[SCATTER] == BOTH:
+            chance = (s[FR + i] + s[FG + i] + s[FB + i]) / 3.0
+            transmits = u >= chance
+            u = (u - chance) / (1.0 - chance) if transmits else u / chance
+            chance = 1.0 - chance if transmits else chance
+        turns = u < s[RETRO + i] and (not transmits or modes[RETRO_TRANSMISSION] != 0)
+        turn = -1.0 if turns else 1.0
+        s[CHANCE + i] = 0.0
+        if not transmits:
+            l = reflected(v, m)  # noqa: E741
+            _leave(s, i, l, turn, min(vm, l.z) > 0.0)
+            continue
+        index = s[INDEX + i]
+        ratio = 1.0 / index if s[SIDE + i] > 0.0 else index
+        squared = 1.0 - ratio * ratio * (1.0 - vm * vm)
+        l = refracted(v, m, vm, ratio, math.sqrt(max(squared, 0.0)))  # noqa: E741
+        if index == 1.0:
+            l = Vec(-v.x, -v.y, -v.z)  # noqa: E741
+        _leave(s, i, l, turn, min(min(vm, squared), -l.z) > 0.0)
+        if index == 1.0 and s[KEPT + i] > 0.0:
+            share = _share(s, i, turns) if modes[RETRO_TRANSMISSION] != 0 else 1.0
+            weight = s[REFRACTED + i] / chance
+            s[CHANCE + i] = chance * share
+            s[PR + i] = weight * (1.0 - s[FR + i]) * s[T0 + i]
+            s[PG + i] = weight * (1.0 - s[FG + i]) * s[T1 + i]
+            s[PB + i] = weight * (1.0 - s[FB + i]) * s[T2 + i]
+
+
+@formula
+def _draw_block(s: Array, modes: Any) -> None:
+    """Directions for the uniforms in the rows of l, into these."""
+    mixes = modes[COMPENSATION] == energy.KULLA_CONTY and modes[SCATTER] != TRANSMIT
+    if mixes:
+        for i in range(BLOCK):
+            # The term that gives back lost energy is nearly diffuse: a direction by the cosine, into the rows of l
+            # as seen from v's side.
+            lost, u, up = 1.0 - s[ALBEDO + i], s[LZ + i], s[EZ + i] > 0.0
+            radius, phi = math.sqrt(s[LX + i]), 2.0 * math.pi * s[LY + i]
+            s[GX + i] = radius * math.cos(phi)
+            s[GY + i] = radius * math.sin(phi)
+            s[GZ + i] = math.sqrt(1.0 - s[LX + i]) if up and u < lost else -1.0
+            s[LZ + i] = (u - lost) / (1.0 - lost) if lost < 1.0 else u
+    call(modes[VISIBLE_NORMALS], s)
+    if modes[SCATTER] == REFLECT:
+        _draw_reflection(s)
+    else:
+        _draw_any(s, modes)
+    if mixes:
+        for i in range(BLOCK):
+            s[CHANCE + i] *= s[ALBEDO + i]
+            s[PR + i] /= s[ALBEDO + i]
+            s[PG + i] /= s[ALBEDO + i]
+            s[PB + i] /= s[ALBEDO + i]
+            if s[GZ + i] >= 0.0:
+                s[LX + i], s[LY + i], s[LZ + i] = s[GX + i], s[GY + i], s[SIDE + i] * s[GZ + i]
+                s[KEPT + i], s[CHANCE + i] = 1.0, 0.0
+
+
+@formula
+def sound(density: float) -> float:
+    """A density; 0 below float64's normal numbers, where it has lost its digits, and one over it is infinite."""
+    return density if density >= SMALLEST_NORMAL else 0.0
+
+
+def sample(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
+    """Draw l for the uniforms in `inputs[IN_L]`: l, weights f |l.n| / pdf, densities, and 1 for a delta, of which
+    weight and probability; returns how many of v were not of unit length."""
     s = np.empty(SIZE)
-    v, table, nodes, dense_v, out = inputs[IN_V], inputs[IN_TABLE], inputs[IN_NODES], dense[0], outputs[0]
+    v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
+    table, light, weight, densities, deltas = inputs[IN_TABLE], outputs[0], outputs[1], outputs[2], outputs[3]
     rejected = 0
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         first = begin == start
         load_directions(s, VX, v, dense_v, begin, count, first)
-        _load(s, inputs, modes, begin, count, first)
-        rejected += passes.place(s, modes, False)
-        passes.white_albedo(s, modes, table)
-        for i in range(count):
-            parts = _integrate_one(s, i, modes, nodes)
-            s[OR + i], s[OG + i], s[OB + i] = parts[0], parts[1], parts[2]
-            s[PR + i], s[PG + i], s[PB + i] = parts[3], parts[4], parts[5]
+        load_directions(s, LX, l, dense_l, begin, count, first)
+        load(s, inputs, modes, begin, count, first)
+        rejected += _place_view(s, modes)
+        white_albedo(s, modes, table)
+        _draw_block(s, modes)
+        _place(s, modes)
+        _density_block(s, modes)
+        _evaluate_block(s, modes, table)
+        for i in range(BLOCK):
+            is_delta = s[CHANCE + i] > 0.0
+            kept = s[CHANCE + i] if is_delta else s[KEPT + i] * s[DENSITY + i]
+            kept = sound(kept)
+            scale = abs(s[LZ + i]) / kept if kept > 0.0 else 0.0
+            s[DENSITY + i] = kept
+            s[OR + i] = s[PR + i] if is_delta else scale * s[OR + i]
+            s[OG + i] = s[PG + i] if is_delta else scale * s[OG + i]
+            s[OB + i] = s[PB + i] if is_delta else scale * s[OB + i]
+            s[KEPT + i] = 1.0 if is_delta else 0.0
+        store_colours(s, light, LX, begin, count)
+        store_colours(s, weight, OR, begin, count)
+        store(s, densities, DENSITY, begin, count)
+        store(s, deltas, KEPT, begin, count)
+    return rejected
+
+
+SAMPLE = Kernel(sample, INPUTS, 4)
+
+
+@formula
+def _integrate_one(s: Array, modes: Any, nodes: Array, azimuth: float, out: Array) -> None:
+    """RGB reflected and transmitted, averaged over the normals that are seen from v, which every lane holds."""
+    total = 0.0
+    out[:] = 0.0
+    boosts = modes[COMPENSATION] == energy.MATERIALX_1_39_5
+    for begin in range(0, nodes.shape[0], BLOCK):
+        for i in range(BLOCK):
+            k = min(begin + i, nodes.shape[0] - 1)
+            # The nodes' azimuth starts at v's, in the stretched configuration.
+            s[LX + i], s[LY + i] = nodes[k, 0] + azimuth, nodes[k, 1]
+            s[LZ + i] = nodes[k, 2] if begin + i < nodes.shape[0] else 0.0
+        call(modes[QUADRATURE_NORMALS], s)
+        _reflectance(s, modes, VM)
         if modes[SCATTER] != TRANSMIT:
-            # The term of Kulla and Conty reflects into every direction what it takes from v.
-            for i in range(BLOCK):
-                s[GZ + i] = 1.0
-            if modes[COMPENSATION] == energy.KULLA_CONTY:
-                passes.multiple_reflectance(s, modes, table)
-                for i in range(BLOCK):
-                    ax, ay = min(s[AX + i], 1.0), min(s[AY + i], 1.0)
-                    average = energy.average_lookup(ax, ay, s[RXY + i], table)
-                    lost = (1.0 - s[ALBEDO + i]) * (1.0 - average)
-                    lost = lost if s[EZ + i] > 0.0 else 0.0
-                    s[OR + i] += lost * s[TR + i]
-                    s[OG + i] += lost * s[TG + i]
-                    s[OB + i] += lost * s[TB + i]
-            else:
-                _finish_reflection(s, modes, table)
-        for i in range(3 * BLOCK):
-            s[OR + i] = (s[OR + i] + s[PR + i]) * s[T0 + i]
-        store_colours(s, out, OR, begin, count)
+            call(modes[REFLECTED_SHARE], s)
+        if modes[SCATTER] != REFLECT:
+            call(modes[REFRACTED_SHARE], s)
+        for i in range(BLOCK):
+            weight = s[WEIGHT + i]
+            total += weight
+            if s[VM + i] <= 0.0:
+                continue
+            for c in range(3):
+                f = s[FR + c * BLOCK + i]
+                gain = compensation(f, s[ALBEDO + i]) if boosts else 1.0
+                if modes[SCATTER] != TRANSMIT:
+                    out[c] += weight * s[REFLECTED + i] * f * gain
+                if modes[SCATTER] != REFLECT:
+                    out[3 + c] += weight * s[REFRACTED + i] * (1.0 - f)
+    # The weights' own sum: what is left of the quadrature's error makes no energy.
+    for c in range(6):
+        out[c] /= total
+
+
+def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
+    """The share of energy that is scattered; `inputs[IN_NODES]` is the quadrature."""
+    s, parts = np.empty(SIZE), np.empty(6)
+    v, table, nodes, dense_v, out = inputs[IN_V], inputs[IN_TABLE], inputs[IN_NODES], dense[0], outputs[0]
+    rejected = 0
+    for begin in range(start, stop):
+        # One view fills a block, of which the lanes are its nodes.
+        first = begin == start
+        load_directions(s, VX, v, dense_v, begin, 1, first)
+        load(s, inputs, modes, begin, 1, first)
+        rejected += 1 if _place_view(s, modes) > 0 else 0
+        white_albedo(s, modes, table)
+        standard = _standard_direction(Vec(s[EX], s[EY], s[EZ]), Slopes(s[AX], s[AY], s[RXY], s[MX], s[MY]))
+        parts[:] = 0.0
+        if s[EZ] > 0.0 and standard.z > 0.0:
+            _integrate_one(s, modes, nodes, math.atan2(standard.y, standard.x) / (2.0 * math.pi), parts)
+        for i in range(BLOCK):
+            s[OR + i], s[OG + i], s[OB + i] = parts[0], parts[1], parts[2]
+            s[GZ + i] = 1.0
+        if modes[SCATTER] != TRANSMIT:
+            finish_albedo(s, modes, table)
+        for c in range(3):
+            out[3 * begin + c] = (s[OR + c * BLOCK] + parts[3 + c]) * s[T0 + c * BLOCK]
     return rejected
 
 
@@ -521,15 +634,15 @@ def reflectance(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outp
         count = min(BLOCK, stop - begin)
         first = begin == start
         load_directions(s, LX, cosines, dense_l, begin, count, first)
-        _load(s, inputs, modes, begin, count, first)
+        load(s, inputs, modes, begin, count, first)
         if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
-            passes.typical_reflectance(s, modes)
+            typical_reflectance(s, modes)
         else:
             for i in range(BLOCK):
                 s[OUTER + i] = s[LX + i]
-            passes.fresnel(s, modes)
+            call(modes[REFLECTANCE], s)
         store_colours(s, out, FR, begin, count)
     return 0
 
 
-REFLECTANCE = Kernel(reflectance, INPUTS, 1)
+REFLECTANCE_KERNEL = Kernel(reflectance, INPUTS, 1)

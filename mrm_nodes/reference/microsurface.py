@@ -1,125 +1,212 @@
-"""The scalar formulas of a microsurface: slopes, normal distributions, projected areas, masking and
-shadowing.
+"""Microsurfaces: how their normals are distributed, and how much of them a direction sees.
 
 Equation numbers are those of Heitz 2014, "Understanding the Masking-Shadowing Function in Microfacet-Based
 BRDFs", unless another source is named. Directions point away from the surface; the normal is +z.
 
-A slope distribution here is always a standard one (alpha = 1, isotropic, centred) after the linear map
-slope = mean + L s, with L the lower triangle of the stretching matrix of eq. 88. Masking does not change
-under such a map when directions are carried along (Section 5), so each Λ and each visible-normal sampler is
-written once, for the standard configuration."""
+A distribution is written once, in the standard configuration: alpha 1, isotropic, centred. Any other is that one
+after the linear map slope = mean + L s, with L the lower triangle of the stretching matrix of eq. 88, and masking does
+not change under such a map when directions are carried along (Section 5). So a `Distribution` is the formulas of the
+standard configuration, a `Stretching` those of the map, and `microsurface` puts the two together. Phong's
+distribution is none of that kind, and has formulas of its own.
+
+What a bundle of formulas has not is an error that names it."""
+
+from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
 
-from .compiled import formula
-from .elementary import exponential, gaussian_excess
+from .compiled import formula, inlined, named
+from .elementary import (
+    SQRT_PI,
+    exponential,
+    gaussian_excess,
+    inverse_error_function,
+    scaled_error_complement,
+    sine_cosine,
+)
+from .vec import Vec, dot, unit
 
-GGX = 0
-BECKMANN = 1
-PHONG = 2
-BECKMANN_RATIONAL = 3
+GGX = "ggx"
+BECKMANN = "beckmann"
+BECKMANN_RATIONAL = "beckmann-rational"
+PHONG = "phong"
 
-SMITH = 0
-VCAVITY = 1
-IMPLICIT = 2
-SCHLICK_SMITH = 3
-KELEMEN = 4
-
-HEIGHT = 0
-SEPARABLE = 1
-DIRECTION = 2
-HEIGHT_DIRECTION = 3
-
-SQRT_PI = math.sqrt(math.pi)
-
-
-@formula
-def slope_norm_squared(
-    x: float, y: float, z: float, ax: float, ay: float, correlation: float, mean_x: float, mean_y: float
-) -> float:
-    """z² times the squared norm of a normal's slope in the stretched metric (eqs. 90, 92 and 95)."""
-    u = (x + mean_x * z) / ax
-    v = ((y + mean_y * z) / ay - correlation * u) ** 2 / (1.0 - correlation * correlation)
-    return u * u + v
+Formula = Callable[..., Any]
 
 
-@formula
-def stretched_sine_squared(x: float, y: float, ax: float, ay: float, correlation: float) -> float:
-    """alpha_o² sin² θ: the roughness projected on a direction, times its sine, squared (eqs. 80, 93 and
-    97).
+class Alpha(NamedTuple):
+    """Slopes along the axes, about the normal: alpha along x and along y."""
+
+    x: float
+    y: float
+
+
+class Slopes(NamedTuple):
+    """Slopes that are correlated (eq. 88) or lie about another normal (eq. 94)."""
+
+    x: float
+    y: float
+    correlation: float
+    mean_x: float
+    mean_y: float
+
+
+class Seen(NamedTuple):
+    """What a microsurface shows to a direction."""
+
+    cosine: float
+    """Of the direction with the mesosurface (Section 5.5)."""
+    area: float
+    """cos θ (1 + Λ), the area of all facets projected on the direction (eq. 41)."""
+    sine: float
+    """The roughness projected on the direction, times its sine: alpha_o sin θ (eqs. 80, 93 and 97)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stretching:
+    """The linear map from the standard configuration, and the slopes that it is made of."""
+
+    name: str
+    slopes: type
+    normal: Formula
+    """(normal, slopes): the normal in the standard configuration, times the map's determinant."""
+    determinant: Formula
+    direction: Formula
+    """(direction, slopes): Lᵀ w, of which z is the cosine with the mesosurface (eqs. 77 and 96)."""
+    facet: Formula
+    """(normal, slopes): back from the standard configuration (eq. 88), of any length."""
+
+
+@inlined
+def _straight_normal(m: Vec, a: Alpha) -> Vec:
+    return Vec(m.x * a.y, m.y * a.x, m.z * (a.x * a.y))
+
+
+@inlined
+def _straight_determinant(a: Alpha) -> float:
+    return a.x * a.y
+
+
+@inlined
+def _straight_direction(w: Vec, a: Alpha) -> Vec:
+    return Vec(a.x * w.x, a.y * w.y, w.z)
+
+
+@inlined
+def _straight_facet(m: Vec, a: Alpha) -> Vec:
+    return Vec(a.x * m.x, a.y * m.y, m.z)
+
+
+@inlined
+def _sheared_normal(m: Vec, a: Slopes) -> Vec:
+    x, y = m.x + a.mean_x * m.z, m.y + a.mean_y * m.z
+    root = math.sqrt(1.0 - a.correlation * a.correlation)
+    return Vec(x * a.y * root, y * a.x - x * a.y * a.correlation, m.z * (a.x * a.y * root))
+
+
+@inlined
+def _sheared_determinant(a: Slopes) -> float:
+    return a.x * a.y * math.sqrt(1.0 - a.correlation * a.correlation)
+
+
+@inlined
+def _sheared_direction(w: Vec, a: Slopes) -> Vec:
+    root = math.sqrt(1.0 - a.correlation * a.correlation)
+    x, y = a.x * w.x, a.y * w.y
+    return Vec(x + a.correlation * y, root * y, w.z - a.mean_x * w.x - a.mean_y * w.y)
+
+
+@inlined
+def _sheared_facet(m: Vec, a: Slopes) -> Vec:
+    root = math.sqrt(1.0 - a.correlation * a.correlation)
+    return Vec(a.x * m.x - a.mean_x * m.z, a.y * (a.correlation * m.x + root * m.y) - a.mean_y * m.z, m.z)
+
+
+STRAIGHT = Stretching(
+    "straight", Alpha, _straight_normal, _straight_determinant, _straight_direction, _straight_facet
+)
+SHEARED = Stretching(
+    "sheared", Slopes, _sheared_normal, _sheared_determinant, _sheared_direction, _sheared_facet
+)
+
+
+class Inversion(NamedTuple):
+    """How a number is found whose distribution function has no inverse: Newton's method, kept inside a bracket.
+
+    A lane of a block takes steps until it has settled, so that no lane's number depends on its neighbours.
     """
-    u = ax * x
-    v = ay * y
-    return max(u * u + v * v + 2.0 * correlation * u * v, 0.0)
+
+    begin: Formula
+    """(w, u0, u1): where to begin, the bracket's ends, and the value that is looked for."""
+    step: Formula
+    """(w, at, low, high, target): the next `at`, `low` and `high`, and whether that has settled."""
+    finish: Formula
+    """(w, at, u1): the normal."""
 
 
-@formula
-def stretched_azimuth(x: float, y: float, ax: float, ay: float, correlation: float) -> tuple[float, float]:
-    """Lᵀ on a direction's x and y: its horizontal part in the standard configuration (eq. 77)."""
-    return ax * x + correlation * ay * y, math.sqrt(1.0 - correlation * correlation) * ay * y
+@dataclass(frozen=True, eq=False)
+class Distribution:
+    """A shape-invariant distribution of slopes: its formulas in the standard configuration.
 
-
-@formula
-def ggx_normals(x: float, y: float, z: float, squared_length: float, ax: float, ay: float) -> float:
-    """D of GGX (eq. 85) for a normal of any length.
-
-    1 / (π ax ay cos⁴ (1 + tan² (cos²/ax² + sin²/ay²))²) over one denominator; sums of squares do not cancel.
+    A normal t may have any length there, and a direction w is what the map has made of one.
     """
-    area = ax * ay
-    u = x * ay
-    v = y * ax
-    w = z * area
-    q = u * u + v * v + w * w
-    return squared_length * squared_length * (area * area * area) / (math.pi * q * q)
+
+    name: str
+    normals: Formula
+    """(t, size): size² P22(slope) / t.z⁴, the density of normals (eq. 4) where size is 1."""
+    projected_area: Formula
+    """(w): cos θ (1 + Λ) (eq. 41)."""
+    slope: Formula
+    """(u): the length of a slope that is drawn from the distribution."""
+    visible_normal: Formula | Inversion
+    """(w, u0, u1): a normal visible from w (eq. 16), of any length; or how it is found step by step."""
 
 
-@formula
-def ggx_skewed_normals(
-    z: float, norm: float, squared_length: float, ax: float, ay: float, correlation: float
-) -> float:
-    """D of GGX with the slope's norm of eqs. 92 and 95, which is given times z²."""
-    determinant = ax * ay * math.sqrt(1.0 - correlation * correlation)
-    denominator = z * z + norm
-    return squared_length * squared_length / (math.pi * determinant * denominator * denominator)
+# GGX
 
 
-@formula
-def beckmann_normals(
-    z: float, norm: float, squared_length: float, ax: float, ay: float, correlation: float
-) -> float:
-    """D of Beckmann (eq. 82, with eqs. 92 and 95) for a normal of any length: `norm` is the slope's times z².
-
-    cos⁴, where the extracted eq. 68 prints cos².
-    """
-    determinant = ax * ay * math.sqrt(1.0 - correlation * correlation)
-    z2 = z * z
-    ratio = squared_length / z2
-    return ratio * ratio / (math.pi * determinant) * exponential(-norm / z2)
+@inlined
+def _ggx_normals(t: Vec, size: float) -> float:
+    """Eq. 85: uniform on the sphere, in the standard configuration."""
+    ratio = size / dot(t, t)
+    return ratio * ratio / math.pi
 
 
-@formula
-def phong_exponent(alpha: float) -> float:
-    """The exponent that has the same curvature at the peak as Beckmann's alpha (Walter et al. 2007)."""
-    return 2.0 / (alpha * alpha) - 2.0
+@inlined
+def _ggx_projected_area(w: Vec) -> float:
+    """Eq. 86."""
+    return 0.5 * (w.z + math.sqrt(dot(w, w)))
 
 
-@formula
-def phong_normals(x: float, y: float, z: float, squared_length: float, ax: float, ay: float) -> float:
-    """D of Blinn-Phong, (e + 2) / 2π cos^e (article 003), anisotropic as Ashikhmin and Shirley's."""
-    across = x * x + y * y
-    z2 = z * z
-    # e cos²φ + f sin²φ, with φ of no consequence at the pole.
-    mixed = (x * x / (ax * ax) + y * y / (ay * ay)) * 2.0 / across - 2.0 if across > 0.0 else 0.0
-    # ln cos θ from sin²/cos², which keeps its precision near the pole.
-    return math.exp(-0.5 * mixed * math.log1p(across / z2)) / (math.pi * ax * ay) if z2 > 0.0 else 0.0
+@inlined
+def _ggx_slope(u: float) -> float:
+    return math.sqrt(u / (1.0 - u))
 
 
-@formula
-def ggx_projected_area(cosine: float, sine_squared: float) -> float:
-    """cos θ (1 + Λ), the area of all facets projected on a direction (eqs. 41, 86), from its stretched
-    sine².
-    """
-    return 0.5 * (cosine + math.sqrt(cosine * cosine + sine_squared))
+@inlined
+def _ggx_visible_normal(w: Vec, u0: float, u1: float) -> Vec:
+    """A spherical cap (Dupuy and Benyoub 2023)."""
+    d = unit(w)
+    # At exactly 1 and normal incidence the normal would have no length.
+    z = (1.0 - min(u1, 1.0 - 2.0**-53)) * (1.0 + d.z) - d.z
+    sine = math.sqrt(min(max((1.0 - z) * (1.0 + z), 0.0), 1.0))
+    sin_phi, cos_phi = sine_cosine(u0)
+    return Vec(sine * cos_phi + d.x, sine * sin_phi + d.y, max(z + d.z, 0.0))
+
+
+# Beckmann
+
+
+@inlined
+def _beckmann_normals(t: Vec, size: float) -> float:
+    """Eq. 82: cos⁴, where the extracted eq. 68 prints cos²."""
+    inverse = 1.0 / (t.z * t.z)
+    ratio = size * inverse
+    return exponential(-(t.x * t.x + t.y * t.y) * inverse) * ratio * ratio / math.pi
 
 
 @formula
@@ -131,115 +218,217 @@ def beckmann_projected_area(cosine: float, sine: float) -> float:
     return cosine + sine * gaussian_excess(a)
 
 
-@formula
-def beckmann_rational_projected_area(cosine: float, sine: float) -> float:
-    """cos θ (1 + Λ) with Walter's rational fit of Beckmann's Λ (the unnumbered equation after eq. 69)."""
-    a = cosine / max(sine, 1e-300)
+@inlined
+def _beckmann_projected_area(w: Vec) -> float:
+    return beckmann_projected_area(w.z, math.sqrt(w.x * w.x + w.y * w.y))
+
+
+@inlined
+def _beckmann_rational_projected_area(w: Vec) -> float:
+    """Walter's rational fit of Beckmann's Λ (the unnumbered equation after eq. 69)."""
+    a = w.z / max(math.sqrt(w.x * w.x + w.y * w.y), 1e-300)
     fit = (1.0 - 1.259 * a + 0.396 * a * a) / (3.535 * a + 2.181 * a * a)
-    return cosine * (1.0 + (fit if a < 1.6 else 0.0))
+    return w.z * (1.0 + (fit if a < 1.6 else 0.0))
+
+
+@inlined
+def _beckmann_slope(u: float) -> float:
+    return math.sqrt(-math.log1p(-u))
+
+
+@inlined
+def _visible_slopes(w: Vec, sine: float, at: float) -> tuple[float, float]:
+    """How much of what w sees has slopes along it below `at`, and the derivative of that."""
+    falling = exponential(-at * at)
+    tail = falling * scaled_error_complement(abs(at))
+    below = 2.0 - tail if at > 0.0 else tail
+    return 0.5 * w.z * below + sine * falling / (2.0 * SQRT_PI), max(w.z - sine * at, 0.0) * falling / SQRT_PI
+
+
+@inlined
+def _begin_beckmann(w: Vec, u0: float, u1: float) -> tuple[float, float, float, float]:
+    sine = math.sqrt(w.x * w.x + w.y * w.y)
+    # At the normal slopes are as they come: the bracket is all that they can be.
+    high = min(w.z / max(sine, 1e-300), 9.0)
+    return (
+        min(inverse_error_function(2.0 * u0 - 1.0), high),
+        -9.0,
+        high,
+        u0 * beckmann_projected_area(w.z, sine),
+    )
+
+
+@inlined
+def _step_beckmann(
+    w: Vec, at: float, low: float, high: float, target: float
+) -> tuple[float, float, float, bool]:
+    sine = math.sqrt(w.x * w.x + w.y * w.y)
+    below, slope = _visible_slopes(w, sine, at)
+    off = below - target
+    low, high = (low, at) if off > 0.0 else (at, high)
+    step = at - off / slope if slope > 0.0 else math.inf
+    # A step that is hardly one may end outside the bracket, of which one end is then as near.
+    settles = abs(step - at) <= 4e-15 * max(1.0, abs(at))
+    step = step if settles or (low < step and step < high) else 0.5 * (low + high)
+    return step, low, high, settles or high - low <= 4e-15
+
+
+@inlined
+def _finish_beckmann(w: Vec, at: float, u1: float) -> Vec:
+    """From slopes along and across w, of which the latter are Gaussian, back to its azimuth."""
+    across = inverse_error_function(2.0 * u1 - 1.0)
+    sine = math.sqrt(w.x * w.x + w.y * w.y)
+    cos_phi = w.x / sine if sine > 0.0 else 1.0
+    sin_phi = w.y / sine if sine > 0.0 else 0.0
+    return Vec(-(cos_phi * at - sin_phi * across), -(sin_phi * at + cos_phi * across), 1.0)
+
+
+_BECKMANN_VISIBLE = Inversion(_begin_beckmann, _step_beckmann, _finish_beckmann)
+
+DISTRIBUTIONS = {
+    GGX: Distribution(GGX, _ggx_normals, _ggx_projected_area, _ggx_slope, _ggx_visible_normal),
+    BECKMANN: Distribution(
+        BECKMANN, _beckmann_normals, _beckmann_projected_area, _beckmann_slope, _BECKMANN_VISIBLE
+    ),
+    BECKMANN_RATIONAL: Distribution(
+        BECKMANN_RATIONAL,
+        _beckmann_normals,
+        _beckmann_rational_projected_area,
+        _beckmann_slope,
+        _BECKMANN_VISIBLE,
+    ),
+}
+
+
+# Phong
 
 
 @formula
-def projected_area(distribution: int, cosine: float, sine_squared: float) -> float:
-    """cos θ (1 + Λ) of the named distribution, from the stretched sine²."""
-    if distribution == GGX:
-        return ggx_projected_area(cosine, sine_squared)
-    if distribution == BECKMANN:
-        return beckmann_projected_area(cosine, math.sqrt(sine_squared))
-    if distribution == BECKMANN_RATIONAL:
-        return beckmann_rational_projected_area(cosine, math.sqrt(sine_squared))
-    raise NotImplementedError("a projected area of this distribution")
+def phong_exponent(alpha: float) -> float:
+    """The exponent that has the same curvature at the peak as Beckmann's alpha (Walter et al. 2007)."""
+    return 2.0 / (alpha * alpha) - 2.0
 
 
-@formula
-def schlick_smith_area(cosine: float, sine: float) -> float:
-    """cos θ / G1 of Schlick's rational masking (Schlick 1994, eq. 19): k is sqrt(2/π) times the RMS slope."""
-    k = sine / math.sqrt(max(1.0 - cosine * cosine, 1e-300)) / SQRT_PI
-    return cosine * (1.0 - k) + k
+@inlined
+def _phong_D(m: Vec, a: Alpha) -> float:
+    """D of Blinn-Phong, (e + 2) / 2π cos^e (article 003), anisotropic as Ashikhmin and Shirley's."""
+    across = m.x * m.x + m.y * m.y
+    z2 = m.z * m.z
+    # e cos²φ + f sin²φ, with φ of no consequence at the pole.
+    mixed = (m.x * m.x / (a.x * a.x) + m.y * m.y / (a.y * a.y)) * 2.0 / across - 2.0 if across > 0.0 else 0.0
+    # ln cos θ from sin²/cos², which keeps its precision near the pole.
+    return math.exp(-0.5 * mixed * math.log1p(across / z2)) / (math.pi * a.x * a.y) if z2 > 0.0 else 0.0
 
 
-@formula
-def vcavity_masking(normal: float, cosine: float, across: float) -> float:
-    """G1 of a V-cavity (eq. 49): `normal` = n.m, `cosine` = n.w, `across` = w.m > 0."""
-    return min(1.0, 2.0 * normal * cosine / across)
+@inlined
+def _phong_normal(a: Alpha, u0: float, u1: float) -> Vec:
+    """Ashikhmin and Shirley: the azimuth by stretching a circle, then cos^(e + 2) uniform."""
+    sin_phi, cos_phi = sine_cosine(u0)
+    x, y = a.x * cos_phi, a.y * sin_phi
+    scale = math.sqrt(x * x + y * y)
+    x, y = x / scale, y / scale
+    power = 2.0 * (x * x / (a.x * a.x) + y * y / (a.y * a.y))
+    # tan² θ = u^(-2/power) - 1, without cancelling when the lobe is narrow.
+    tangent = math.sqrt(math.expm1(-2.0 / power * math.log(1.0 - min(u1, 1.0 - 2.0**-53))))
+    return unit(Vec(x * tangent, y * tangent, 1.0))
 
 
-# What follows is G2 / (cos v cos l), the form in which nothing divides by a vanishing cosine. For Smith it is
-# written with the projected areas cos θ (1 + Λ); for slopes off the normal the cosines are those with the
-# mesosurface.
+@dataclass(frozen=True, eq=False)
+class Microsurface:
+    """What a lobe asks of a distribution whose slopes it is given; None where the distribution has none of it."""
+
+    name: str
+    slopes: type
+    D: Formula
+    """(m, slopes): of a normal of any length, above the horizon, times its length to the fourth power."""
+    normal: Formula
+    """(slopes, u0, u1): a unit normal with density D(m) m.n."""
+    direction: Formula
+    """(direction, slopes): Lᵀ w."""
+    seen: Formula | None
+    """(direction, slopes): `Seen`."""
+    visible_normal: Formula | Inversion | None
+    """(direction, slopes, u0, u1): a unit normal visible from the direction (eq. 16)."""
+
+    def wanted(self, field: str) -> Any:
+        """A formula; `NotImplementedError` where there is none."""
+        value = getattr(self, field)
+        if value is None:
+            what = {"seen": "projected area in closed form", "visible_normal": "way to draw visible normals"}
+            raise NotImplementedError(
+                f"{self.name}: there is no {what[field]}, which Smith's masking asks for"
+            )
+        return value
 
 
-@formula
-def height_visibility(cv: float, cl: float, area_v: float, area_l: float) -> float:
-    """1 / (1 + Λv + Λl), height-correlated (eq. 99)."""
-    return 1.0 / (area_v * cl + area_l * cv - cv * cl)
+@cache
+def microsurface(distribution: str, sheared: bool = False) -> Microsurface:
+    """The formulas of a distribution whose slopes are `Alpha`, or `Slopes` where they are sheared.
 
-
-@formula
-def separable_visibility(area_v: float, area_l: float) -> float:
-    """G1 G1 (eq. 98)."""
-    return 1.0 / (area_v * area_l)
-
-
-@formula
-def ginneken(vx: float, vy: float, lx: float, ly: float) -> float:
-    """van Ginneken's λ = 4.41 φ / (4.41 φ + 1), φ the azimuth between two directions (below eq. 101)."""
-    azimuth = math.atan2(abs(vx * ly - vy * lx), vx * lx + vy * ly)
-    return 4.41 * azimuth / (4.41 * azimuth + 1.0)
-
-
-@formula
-def direction_visibility(cv: float, cl: float, area_v: float, area_l: float, decorrelation: float) -> float:
-    """λ G1 G1 + (1 - λ) min(G1, G1) (eq. 100)."""
-    return decorrelation / (area_v * area_l) + (1.0 - decorrelation) / max(area_v * cl, area_l * cv)
-
-
-@formula
-def height_direction_visibility(
-    cv: float, cl: float, area_v: float, area_l: float, decorrelation: float
-) -> float:
-    """1 / (1 + max(Λv, Λl) + λ min(Λv, Λl)) (eq. 101)."""
-    lambda_v = area_v * cl - cv * cl
-    lambda_l = area_l * cv - cv * cl
-    return 1.0 / (cv * cl + max(lambda_v, lambda_l) + decorrelation * min(lambda_v, lambda_l))
-
-
-@formula
-def beta_visibility(cv: float, cl: float, area_v: float, area_l: float) -> float:
-    """B(1 + Λv, 1 + Λl): height correlation where the two directions are on opposite sides.
-
-    Below the surface a point at height h is unmasked with probability (1 - C)^Λ instead of C^Λ (eq. 128),
-    and the average over C of the product is the Beta function."""
-    a = area_v / cv
-    b = area_l / cl
-    return math.exp(math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)) / (cv * cl)
-
-
-@formula
-def smith_visibility(
-    correlation: int,
-    across: bool,
-    cv: float,
-    cl: float,
-    area_v: float,
-    area_l: float,
-    vx: float,
-    vy: float,
-    lx: float,
-    ly: float,
-) -> float:
-    """G2 / (cos v cos l) of Smith's masking (eqs. 98 to 101), `across` where v and l are on opposite sides.
-
-    cv, cl, area_v, area_l: of v and of l, or of -l. vx to ly: of the directions themselves.
+    Raises:
+        NotImplementedError: a distribution that has none.
     """
-    if across and (correlation in (HEIGHT, HEIGHT_DIRECTION)):
-        return beta_visibility(cv, cl, area_v, area_l)
-    if correlation == SEPARABLE or (across and correlation == DIRECTION):
-        return separable_visibility(area_v, area_l)
-    if correlation == HEIGHT:
-        return height_visibility(cv, cl, area_v, area_l)
-    if correlation == DIRECTION:
-        return direction_visibility(cv, cl, area_v, area_l, ginneken(vx, vy, lx, ly))
-    if correlation == HEIGHT_DIRECTION:
-        return height_direction_visibility(cv, cl, area_v, area_l, ginneken(vx, vy, lx, ly))
-    raise NotImplementedError("masking of this correlation")
+    if distribution == PHONG and not sheared:
+        return Microsurface(PHONG, Alpha, _phong_D, _phong_normal, _straight_direction, None, None)
+    if distribution not in DISTRIBUTIONS:
+        what = "way to shear its slopes" if distribution == PHONG else "distribution of that name"
+        raise NotImplementedError(f"{distribution}: there is no {what}")
+    return _stretched(DISTRIBUTIONS[distribution], SHEARED if sheared else STRAIGHT)
+
+
+def _stretched(standard: Distribution, stretching: Stretching) -> Microsurface:
+    name = f"{standard.name} {stretching.name}"
+    normals, projected_area, slope = standard.normals, standard.projected_area, standard.slope
+    determinant, to_standard = stretching.determinant, stretching.normal
+    direction, facet = stretching.direction, stretching.facet
+
+    @inlined
+    @named(name)
+    def D(m: Vec, a: Any) -> float:
+        det = determinant(a)
+        return det * normals(to_standard(m, a), det * dot(m, m))
+
+    @inlined
+    @named(name)
+    def seen(w: Vec, a: Any) -> Seen:
+        d = direction(w, a)
+        return Seen(d.z, projected_area(d), math.sqrt(d.x * d.x + d.y * d.y))
+
+    @inlined
+    @named(name)
+    def normal(a: Any, u0: float, u1: float) -> Vec:
+        sin_phi, cos_phi = sine_cosine(u0)
+        # At u1 = 1 the slope would be infinite.
+        size = slope(min(u1, 1.0 - 2.0**-53))
+        return unit(facet(Vec(size * cos_phi, size * sin_phi, 1.0), a))
+
+    visible = standard.visible_normal
+    if isinstance(visible, Inversion):
+        begin, step, finish = visible
+
+        @inlined
+        @named(name)
+        def begin_stretched(w: Vec, a: Any, u0: float, u1: float) -> tuple[float, float, float, float]:
+            return begin(direction(w, a), u0, u1)
+
+        @inlined
+        @named(name)
+        def step_stretched(
+            w: Vec, a: Any, at: float, low: float, high: float, target: float
+        ) -> tuple[float, float, float, bool]:
+            return step(direction(w, a), at, low, high, target)
+
+        @inlined
+        @named(name)
+        def finish_stretched(w: Vec, a: Any, at: float, u1: float) -> Vec:
+            return unit(facet(finish(direction(w, a), at, u1), a))
+
+        inversion = Inversion(begin_stretched, step_stretched, finish_stretched)
+        return Microsurface(name, stretching.slopes, D, normal, direction, seen, inversion)
+
+    @inlined
+    @named(name)
+    def visible_normal(w: Vec, a: Any, u0: float, u1: float) -> Vec:
+        return unit(facet(visible(direction(w, a), u0, u1), a))
+
+    return Microsurface(name, stretching.slopes, D, normal, direction, seen, visible_normal)

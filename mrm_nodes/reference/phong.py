@@ -9,11 +9,13 @@ import numba
 import numpy as np
 from numpy.typing import ArrayLike
 
-from . import microsurface as surface
 from .checks import CORRELATIONS, MASKINGS, check_unit, choice, directions
 from .compiled import Array, run
 from .distributions import Distribution, sampling_uniforms
+from .masking import SMITH, masking_of
+from .microsurface import PHONG, Seen
 from .phong_sampling import DRAW_VISIBLE, LAMBDA, incomplete_beta
+from .vec import Vec
 
 
 def isotropic_lambda(cosine: Array, alpha: Array) -> Array:
@@ -41,7 +43,20 @@ def _log_gamma(x: Array) -> Array:
 _incomplete_beta: Any = numba.vectorize(incomplete_beta.py_func)  # type: ignore[no-untyped-call]
 
 
-_visibility: Any = np.vectorize(surface.smith_visibility, otypes=[np.float64])
+def _smith_visibility(correlation: str, v: Array, l: Array, one: Array, other: Array) -> Array:  # noqa: E741
+    """G2 over both cosines by areas over cosines, 1 + Λ, of v and of l or, below, of -l."""
+    masking = masking_of(SMITH, correlation)
+    same_side: Any = masking.same_side
+    across: Any = masking.across
+
+    def at(vx: float, vy: float, lx: float, ly: float, lz: float, a: float, b: float) -> float:
+        formula = (across if lz < 0.0 else same_side).py_func
+        seen = Seen(1.0, a, 0.0), Seen(1.0, b, 0.0)
+        value: float = formula(Vec(vx, vy, 1.0), Vec(lx, ly, lz), Vec(0.0, 0.0, 1.0), 1.0, 1.0, *seen)
+        return value
+
+    each = np.vectorize(at, otypes=[np.float64])
+    return np.asarray(each(v[..., 0], v[..., 1], l[..., 0], l[..., 1], l[..., 2], one, other))
 
 
 class Phong(Distribution):
@@ -51,7 +66,7 @@ class Phong(Distribution):
     shifted. Smith's visible normals are drawn by inverting their distribution
     numerically, at some 20 microseconds each while v stays the same."""
 
-    _code = surface.PHONG
+    _distribution = PHONG
 
     def __init__(self, ax: ArrayLike, ay: ArrayLike | None = None) -> None:
         super().__init__(ax, ay)
@@ -71,7 +86,7 @@ class Phong(Distribution):
         return np.asarray(result)
 
     def G1(self, w: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
-        if choice("masking", masking, MASKINGS) != surface.SMITH:
+        if choice("masking", masking, MASKINGS) != SMITH:
             return super().G1(w, m, masking)
         direction, normal = directions("w", w), directions("m", m)
         check_unit("m", normal)
@@ -86,21 +101,19 @@ class Phong(Distribution):
         masking: str = "smith",
         correlation: str = "height",
     ) -> Array:
-        if choice("masking", masking, MASKINGS) != surface.SMITH:
+        if choice("masking", masking, MASKINGS) != SMITH:
             return super().G2(v, l, m, masking, correlation)
-        code = choice("correlation", correlation, CORRELATIONS)
         view, light, normal = directions("v", v), directions("l", l), directions("m", m)
         across = light[..., 2] < 0.0
         turned = np.where(across[..., np.newaxis], -light, light)
         first, second = self.G1(view, normal), self.G1(turned, normal)
         both = (first > 0.0) & (second > 0.0)
         one, other = 1.0 / np.where(both, first, 1.0), 1.0 / np.where(both, second, 1.0)
-        azimuths = (view[..., 0], view[..., 1], light[..., 0], light[..., 1])
-        value = _visibility(code, across, 1.0, 1.0, one, other, *azimuths)
+        value = _smith_visibility(choice("correlation", correlation, CORRELATIONS), view, light, one, other)
         return np.where(both, value, 0.0)
 
     def sample_visible(self, v: ArrayLike, u: ArrayLike, masking: str = "smith") -> Array:
-        if choice("masking", masking, MASKINGS) != surface.SMITH:
+        if choice("masking", masking, MASKINGS) != SMITH:
             return super().sample_visible(v, u, masking)
         view, uniforms = directions("v", v), sampling_uniforms(u, 2)
         check_unit("v", view)
@@ -113,7 +126,7 @@ class Phong(Distribution):
         return normals
 
     def pdf_visible(self, v: ArrayLike, m: ArrayLike, masking: str = "smith") -> Array:
-        if choice("masking", masking, MASKINGS) != surface.SMITH:
+        if choice("masking", masking, MASKINGS) != SMITH:
             return super().pdf_visible(v, m, masking)
         view = directions("v", v)
         seen = np.maximum((view * directions("m", m)).sum(axis=-1), 0.0)

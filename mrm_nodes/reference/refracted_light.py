@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import microsurface as surface
 from .albedo_fit import split_sum
 from .bsdf import Lobe
 from .compiled import Array, Kernel, formula, run
@@ -38,8 +37,11 @@ from .image_light import (
     _limits,
     _read,
     _visible_normal,
+    ggx_normals,
     spherical_fibonacci,
 )
+from .microsurface import Alpha
+from .vec import Vec
 
 LENGTH = 6 * UNIT
 """Error of the lengths of view and half vector: of a frame's axes and of a normalised vector two roundings each, of the
@@ -163,7 +165,7 @@ def _sum_refracted(start: int, stop: int, inputs: Any, dense: Any, modes: Any, o
                 )
                 error = own_light + shared_light
                 # The host takes the density of a reflection for that of what is refracted.
-                density = count * surface.ggx_normals(hx, hy, hz, 1.0, ax, ay) * g1 / (4.0 * vz)
+                density = count * ggx_normals(Vec(hx, hy, hz), Alpha(ax, ay)) * g1 / (4.0 * vz)
                 of_density = of_normals + of_g1 + VIEW / vz + 16.0 * UNIT
                 x = axes[i, 0] * lx + axes[i, 3] * ly + axes[i, 6] * lz
                 y = axes[i, 1] * lx + axes[i, 4] * ly + axes[i, 7] * lz

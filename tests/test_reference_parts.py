@@ -144,3 +144,35 @@ def test_a_second_process_compiles_nothing_and_reads_what_the_first_one_kept(tmp
     both = ask("beckmann", "ggx")
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.nb?")} == kept
     assert both == alone
+
+
+def test_a_distribution_is_found_by_its_name():
+    kinds = {
+        "ggx": ref.GGX,
+        "beckmann": ref.Beckmann,
+        "beckmann-rational": ref.BeckmannRational,
+        "phong": ref.Phong,
+    }
+    assert set(kinds) == set(checks.DISTRIBUTIONS)
+    for name, kind in kinds.items():
+        assert type(ref.distribution(name, 0.3)) is kind
+        assert ref.distribution(name, 0.3, 0.2).D(V) == kind(0.3, 0.2).D(V)
+    assert ref.distribution("ggx", 0.3, 0.2, 0.4, 0.1).D(V) == ref.GGX(0.3, 0.2, 0.4, 0.1).D(V)
+    for name, slopes in (("cauchy", ()), ("phong", (0.4,))):
+        with pytest.raises(ValueError, match=r"must be"):
+            ref.distribution(name, 0.3, 0.3, *slopes)
+
+
+def test_a_distribution_that_has_no_class_of_its_own_is_one_by_its_name(monkeypatch):
+    monkeypatch.setitem(microsurface.DISTRIBUTIONS, "other", microsurface.DISTRIBUTIONS["beckmann"])
+    monkeypatch.setitem(checks.DISTRIBUTIONS, "other", "other")
+    found = ref.distribution("other", 0.3, 0.2)
+    assert repr(found) == "distribution('other', ax=0.3, ay=0.2)"
+    assert found.D(V) == ref.Beckmann(0.3, 0.2).D(V)
+    lobe_of = ref.Conductor(0.2, 3.0, 0.3, distribution="other", energy_compensation="materialx-1.39.5")
+    assert np.all(
+        lobe_of.eval(V, L)
+        == ref.Conductor(0.2, 3.0, 0.3, distribution="beckmann", energy_compensation="materialx-1.39.5").eval(
+            V, L
+        )
+    )

@@ -2,7 +2,7 @@
 
 from .bsdf import BsdfSample, Conductor, Dielectric, GeneralizedSchlick, Lobe
 from .diffuse import diffuse_microfacets, eon, lambert, oren_nayar
-from .distributions import GGX, Beckmann, BeckmannRational, Distribution
+from .distributions import GGX, Beckmann, BeckmannRational, Distribution, distribution
 from .energy import average_albedo, white_albedo
 from .fresnel import fresnel_conductor, fresnel_dielectric, fresnel_schlick
 from .materialx import Add, Closure, Lambert, Layer, Leaf, Mix, Multiply, OrenNayar
@@ -29,6 +29,7 @@ __all__ = [
     "Phong",
     "average_albedo",
     "diffuse_microfacets",
+    "distribution",
     "eon",
     "fresnel_conductor",
     "fresnel_dielectric",

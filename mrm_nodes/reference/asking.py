@@ -153,7 +153,15 @@ def _lit(of: Surface) -> Part:
     return Part(answer)
 
 
-def ask(of: Part, v: Array, l: Array, m: Array, alpha: Array, correlation: Array, mean: Array) -> tuple[Array, Array]:  # noqa: E741
+def ask(
+    of: Part,
+    v: Array,
+    l: Array,  # noqa: E741
+    m: Array,
+    alpha: Array,
+    correlation: Array,
+    mean: Array,
+) -> tuple[Array, Array]:
     """What a part says of arrays that broadcast: numbers (...), and, for uniforms in place of l, normals (..., 3)."""
     one, colour = np.ones(1), np.ones(3)
     parameters = Parameters(

@@ -39,7 +39,8 @@ from .energy import white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
 from .lobe import Surface, surface
 from .masking import SMITH, VCAVITY
-from .microsurface import BECKMANN, BECKMANN_RATIONAL, GGX, PHONG
+from .microsurface import DISTRIBUTIONS as SHAPE_INVARIANT
+from .microsurface import PHONG
 from .quadrature import quadrature_nodes
 
 
@@ -189,16 +190,14 @@ class Lobe:
 
     def _fit_pair(self) -> tuple[str, str]:
         """Of what MaterialX's nodes can be: other maskings have Smith's fit."""
-        fitted = {
-            GGX: "ggx",
-            BECKMANN: "beckmann",
-            BECKMANN_RATIONAL: "beckmann",
-            PHONG: "phong",
-        }
-        if self._distribution not in fitted:
-            name = name_of(self._distribution, DISTRIBUTIONS)
-            raise NotImplementedError(f"{name}: there is no fit of its albedo")
-        return fitted[self._distribution], "vcavity" if self._masking == VCAVITY else "smith"
+        known = SHAPE_INVARIANT.get(self._distribution)
+        pair = (
+            self._distribution if known is None else known.fitted,
+            VCAVITY if self._masking == VCAVITY else SMITH,
+        )
+        if pair not in COEFFICIENTS:
+            raise NotImplementedError(f"{self._distribution}: there is no fit of its albedo")
+        return pair
 
     @functools.cached_property
     def _surface(self) -> Surface:

@@ -9,14 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from . import block, masking, microsurface
 from . import energy_formulas as energy
+from .albedo_fit import COEFFICIENTS
 from .compiled import Array
 
-DISTRIBUTIONS = {
-    "ggx": microsurface.GGX,
-    "beckmann": microsurface.BECKMANN,
-    "beckmann-rational": microsurface.BECKMANN_RATIONAL,
-    "phong": microsurface.PHONG,
-}
+DISTRIBUTIONS = {name: name for name in microsurface.NAMES}
 MASKINGS = {
     "smith": masking.SMITH,
     "vcavity": masking.VCAVITY,
@@ -25,14 +21,8 @@ MASKINGS = {
     "schlick-smith": masking.SCHLICK_SMITH,
     "kelemen": masking.KELEMEN,
 }
-#: The distributions of a lobe, each with the maskings that are physics with it.
-PAIRS = (
-    ("ggx", "smith"),
-    ("beckmann", "smith"),
-    ("ggx", "vcavity"),
-    ("beckmann", "vcavity"),
-    ("phong", "vcavity"),
-)
+#: The distributions of a node, each with the maskings that are physics with it: of which there is a fit of albedo.
+PAIRS = tuple(COEFFICIENTS)
 CORRELATIONS = {
     "height": masking.HEIGHT,
     "separable": masking.SEPARABLE,

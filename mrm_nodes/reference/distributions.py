@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from . import asking
 from .checks import (
     CORRELATIONS,
+    DISTRIBUTIONS,
     MASKINGS,
     SMALLEST_ALPHA,
     call_of,
@@ -26,7 +27,7 @@ from .checks import (
 )
 from .compiled import Array
 from .masking import HEIGHT, SMITH, VCAVITY
-from .microsurface import BECKMANN, BECKMANN_RATIONAL
+from .microsurface import BECKMANN, BECKMANN_RATIONAL, PHONG
 from .microsurface import GGX as GGX_NAME
 
 
@@ -75,9 +76,12 @@ class Distribution:
         self._mean = pair("mean_slope", mean_slope, -1e300, 1e300)
 
     def __repr__(self) -> str:
+        return self._call_of(type(self))
+
+    def _call_of(self, kind: type) -> str:
         x, y = self._alpha[..., :1], self._alpha[..., 1:]
         given = {"ax": x, "ay": None if np.array_equal(x, y) else y}
-        return call_of(type(self), {**given, "slope_correlation": self._rxy, "mean_slope": self._mean})
+        return call_of(kind, {**given, "slope_correlation": self._rxy, "mean_slope": self._mean})
 
     @property
     def _is_sheared(self) -> bool:
@@ -215,3 +219,41 @@ class BeckmannRational(Distribution):
     """
 
     _distribution = BECKMANN_RATIONAL
+
+
+class _Named(Distribution):
+    """One that has no class of its own."""
+
+    _distribution = ""
+
+    def __init__(self, name: str, *parameters: ArrayLike | None) -> None:
+        super().__init__(*parameters)  # type: ignore[arg-type]
+        self._distribution = name
+
+    def __repr__(self) -> str:
+        return self._call_of(Distribution).replace(
+            "Distribution(", f"distribution({self._distribution!r}, ", 1
+        )
+
+
+def distribution(
+    name: str,
+    ax: ArrayLike,
+    ay: ArrayLike | None = None,
+    slope_correlation: ArrayLike = 0.0,
+    mean_slope: ArrayLike = 0.0,
+) -> Distribution:
+    """A distribution by the name that lobes know it by. The other parameters are those of `Distribution`.
+
+    Raises:
+        ValueError: a name that is not known, slopes for phong, and as `Distribution`.
+    """
+    code = choice("distribution", name, DISTRIBUTIONS)
+    sheared = np.any(slope_correlation) or np.any(mean_slope)
+    if sheared and code == PHONG:
+        raise ValueError("slope_correlation and mean_slope must be 0 for the phong distribution")
+    slopes: tuple[ArrayLike, ...] = (slope_correlation, mean_slope) if sheared else ()
+    for known in Distribution.__subclasses__():
+        if known._distribution == code:
+            return known(ax, ay, *slopes)
+    return _Named(code, ax, ay, *slopes)

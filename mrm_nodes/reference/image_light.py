@@ -17,7 +17,7 @@ import numpy as np
 
 from .albedo_fit import split_sum
 from .bsdf import Lobe
-from .compiled import Array, Kernel, formula, run
+from .compiled import Array, Kernel, formula, inlined, named, run
 from .diffuse import C1, C2, fujii_albedo
 from .fresnel import (
     CONDUCTOR,
@@ -28,7 +28,7 @@ from .fresnel import (
     schlick_curve,
 )
 from .masking import SMITH, VCAVITY
-from .microsurface import BECKMANN, GGX, PHONG, Alpha, microsurface
+from .microsurface import DISTRIBUTIONS, GGX, NAMES, Alpha, Formula, microsurface
 from .thinfilm import film_reflectance
 from .vec import Vec
 
@@ -398,22 +398,53 @@ def _fresnel(
     return f0, f1, f2, d0, d1, d2
 
 
-_CODES = {GGX: 0, BECKMANN: 1, PHONG: 2}
-_GGX, _BECKMANN, _PHONG = _CODES.values()
-_seen_by_ggx, _seen_by_beckmann = microsurface(GGX).wanted("seen"), microsurface(BECKMANN).wanted("seen")
-ggx_normals, _beckmann_normals = microsurface(GGX).D, microsurface(BECKMANN).D
-_phong_normals = microsurface(PHONG).D
+_CODES = {name: code for code, name in enumerate(NAMES)}
+_GGX = _CODES[GGX]
+ggx_normals = microsurface(GGX).D
+
+
+def _of_any(formulas: dict[str, Formula]) -> Formula:
+    """(direction or normal, slopes, code): the formula of the distribution of that code."""
+
+    chosen: Formula = _none
+    for name, own in formulas.items():
+        chosen = _or_else(_CODES[name], own, chosen, name)
+    return chosen
+
+
+@formula
+def _none(m: Vec, a: Alpha, distribution: int) -> float:
+    raise NotImplementedError("no formula of this distribution")
+
+
+def _or_else(code: int, own: Formula, other: Formula, name: str) -> Formula:
+    @formula
+    @named(name, own.__name__)
+    def chosen(m: Vec, a: Alpha, distribution: int) -> float:
+        return own(m, a) if distribution == code else other(m, a, distribution)
+
+    return chosen
+
+
+def _area(name: str) -> Formula:
+    seen = microsurface(name).wanted("seen")
+
+    @inlined
+    @named(name)
+    def area(w: Vec, a: Alpha) -> float:
+        return seen(w, a).area
+
+    return area
+
+
+_projected_area = _of_any({name: _area(name) for name in DISTRIBUTIONS})
+_any_normals = _of_any({name: microsurface(name).D for name in NAMES})
 
 
 @formula
 def _smith(x: float, y: float, z: float, ax: float, ay: float, distribution: int) -> float:
     """1 + 2 Λ ([Heitz] eqs. 72 and 83)."""
-    w, a = Vec(x, y, z), Alpha(ax, ay)
-    if distribution == _BECKMANN:
-        return 2.0 * _seen_by_beckmann(w, a).area / z - 1.0
-    if distribution == _GGX:
-        return 2.0 * _seen_by_ggx(w, a).area / z - 1.0
-    raise NotImplementedError("masking of this distribution")
+    return 2.0 * _projected_area(Vec(x, y, z), Alpha(ax, ay), distribution) / z - 1.0
 
 
 @formula
@@ -421,11 +452,7 @@ def _normals(x: float, y: float, z: float, ax: float, ay: float, distribution: i
     """D of a unit normal, 0 where it lies flat."""
     if z <= 0.0:
         return 0.0
-    if distribution == _BECKMANN:
-        return _beckmann_normals(Vec(x, y, z), Alpha(ax, ay))
-    if distribution == _PHONG:
-        return _phong_normals(Vec(x, y, z), Alpha(ax, ay))
-    raise NotImplementedError("D of this distribution")
+    return _any_normals(Vec(x, y, z), Alpha(ax, ay), distribution)
 
 
 def _sum_samples(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:

@@ -25,6 +25,8 @@ from .elementary import (
     exponential,
     gaussian_excess,
     inverse_error_function,
+    logarithm,
+    nearly_inverse_error_function,
     scaled_error_complement,
     sine_cosine,
 )
@@ -164,6 +166,8 @@ class Distribution:
     """(u): the length of a slope that is drawn from the distribution."""
     visible_normal: Formula | Inversion
     """(w, u0, u1): a normal visible from w (eq. 16), of any length; or how it is found step by step."""
+    fitted: str
+    """The distribution by whose fit of albedo a lobe of it is compensated: its own, but of an approximation."""
 
 
 # GGX
@@ -237,21 +241,19 @@ def _beckmann_slope(u: float) -> float:
 
 
 @inlined
-def _visible_slopes(w: Vec, sine: float, at: float) -> tuple[float, float]:
-    """How much of what w sees has slopes along it below `at`, and the derivative of that."""
-    falling = exponential(-at * at)
-    tail = falling * scaled_error_complement(abs(at))
-    below = 2.0 - tail if at > 0.0 else tail
-    return 0.5 * w.z * below + sine * falling / (2.0 * SQRT_PI), max(w.z - sine * at, 0.0) * falling / SQRT_PI
-
-
-@inlined
 def _begin_beckmann(w: Vec, u0: float, u1: float) -> tuple[float, float, float, float]:
+    """The slope along w, of which Jakob 2014, "An Improved Visible Normal Sampling Routine for the Beckmann
+    Distribution", guesses the error function: c - (1 + c) (1 - u)^p, c being the largest that is seen and p by the
+    angle from the normal."""
     sine = math.sqrt(w.x * w.x + w.y * w.y)
-    # At the normal slopes are as they come: the bracket is all that they can be.
     high = min(w.z / max(sine, 1e-300), 9.0)
+    largest = 1.0 - exponential(-high * high) * scaled_error_complement(high)
+    t = math.sqrt(max(1.0 - w.z / math.sqrt(dot(w, w)), 0.0))
+    power = 1.0 + t * (-1.2244 + t * (0.7622 - 0.0931 * t))
+    guess = largest - (1.0 + largest) * exponential(power * logarithm(max(1.0 - u0, 1e-16)))
+    # At the normal slopes are as they come: the bracket is all that they can be.
     return (
-        min(inverse_error_function(2.0 * u0 - 1.0), high),
+        min(nearly_inverse_error_function(guess), high),
         -9.0,
         high,
         u0 * beckmann_projected_area(w.z, sine),
@@ -262,14 +264,22 @@ def _begin_beckmann(w: Vec, u0: float, u1: float) -> tuple[float, float, float, 
 def _step_beckmann(
     w: Vec, at: float, low: float, high: float, target: float
 ) -> tuple[float, float, float, bool]:
+    """One step of Halley's method to where w sees `target` of slopes along it that are less."""
     sine = math.sqrt(w.x * w.x + w.y * w.y)
-    below, slope = _visible_slopes(w, sine, at)
+    falling = exponential(-at * at)
+    tail = falling * scaled_error_complement(abs(at))
+    below = 0.5 * w.z * (2.0 - tail if at > 0.0 else tail) + sine * falling / (2.0 * SQRT_PI)
     off = below - target
     low, high = (low, at) if off > 0.0 else (at, high)
-    step = at - off / slope if slope > 0.0 else math.inf
-    # A step that is hardly one may end outside the bracket, of which one end is then as near.
-    settles = abs(step - at) <= 4e-15 * max(1.0, abs(at))
-    step = step if settles or (low < step and step < high) else 0.5 * (low + high)
+    seen = w.z - sine * at
+    slope = seen * falling / SQRT_PI
+    bend = -sine / seen - 2.0 * at
+    newton = off / slope
+    change = newton / min(max(1.0 - 0.5 * newton * bend, 0.5), 2.0)
+    # The error after a step is by its cube: of one as small as this, nothing that float64 tells.
+    settles = slope > 0.0 and abs(change) * max(1.0, abs(bend)) <= 1e-6
+    step = at - change
+    step = step if settles or (slope > 0.0 and low < step and step < high) else 0.5 * (low + high)
     return step, low, high, settles or high - low <= 4e-15
 
 
@@ -286,9 +296,9 @@ def _finish_beckmann(w: Vec, at: float, u1: float) -> Vec:
 _BECKMANN_VISIBLE = Inversion(_begin_beckmann, _step_beckmann, _finish_beckmann)
 
 DISTRIBUTIONS = {
-    GGX: Distribution(GGX, _ggx_normals, _ggx_projected_area, _ggx_slope, _ggx_visible_normal),
+    GGX: Distribution(GGX, _ggx_normals, _ggx_projected_area, _ggx_slope, _ggx_visible_normal, GGX),
     BECKMANN: Distribution(
-        BECKMANN, _beckmann_normals, _beckmann_projected_area, _beckmann_slope, _BECKMANN_VISIBLE
+        BECKMANN, _beckmann_normals, _beckmann_projected_area, _beckmann_slope, _BECKMANN_VISIBLE, BECKMANN
     ),
     BECKMANN_RATIONAL: Distribution(
         BECKMANN_RATIONAL,
@@ -296,8 +306,12 @@ DISTRIBUTIONS = {
         _beckmann_rational_projected_area,
         _beckmann_slope,
         _BECKMANN_VISIBLE,
+        BECKMANN,
     ),
 }
+
+#: The names of all distributions.
+NAMES = (*DISTRIBUTIONS, PHONG)
 
 
 # Phong

@@ -7,6 +7,7 @@ drives. Values are uniforms: `uniform_values` gives them, under the names that s
 from __future__ import annotations
 
 import functools
+import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,14 +23,6 @@ Value = float | bool | str | tuple[float, ...]
 
 NODES = node_names()
 """Ours, conductor, dielectric and generalised Schlick."""
-PAIRS = (
-    ("ggx", "smith"),
-    ("ggx", "vcavity"),
-    ("beckmann", "smith"),
-    ("beckmann", "vcavity"),
-    ("phong", "vcavity"),
-)
-"""Each distribution with each masking that is another lobe: Phong has one."""
 BSDF = "bsdf"
 """Name of our node in each document."""
 MATERIAL = "material"
@@ -75,6 +68,16 @@ def _input(element: mx.Input) -> Input:
         choices=tuple(name.strip() for name in choices.split(",")) if choices else (),
         varying=element.getAttribute("uniform") != "true",
     )
+
+
+def _pairs() -> tuple[tuple[str, str], ...]:
+    inputs = inputs_of(NODES[0])
+    all_pairs = itertools.product(inputs["distribution"].choices, inputs["masking"].choices)
+    return tuple(pair for pair in all_pairs if pair != ("phong", "smith"))
+
+
+PAIRS = _pairs()
+"""Each distribution with each masking that is another lobe: Phong has one."""
 
 
 def complete(node: str, values: Mapping[str, Value]) -> dict[str, Value]:

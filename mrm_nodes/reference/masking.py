@@ -49,52 +49,52 @@ class Masking:
 
 
 @inlined
-def _smith_masked(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
+def smith_masking(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
     """Eq. 43: 1 / (1 + Λ)."""
     return 1.0 / seen.area
 
 
 @inlined
-def _height(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def height_correlated(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """1 / (1 + Λv + Λl), height-correlated (eq. 99)."""
     return 1.0 / (p.area * q.cosine + q.area * p.cosine - p.cosine * q.cosine)
 
 
 @inlined
-def _separable(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def separable(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """G1 G1 (eq. 98)."""
     return 1.0 / (p.area * q.area)
 
 
 @inlined
-def _ginneken(v: Vec, l: Vec) -> float:  # noqa: E741
+def ginneken(v: Vec, l: Vec) -> float:  # noqa: E741
     """van Ginneken's λ = 4.41 φ / (4.41 φ + 1), φ the azimuth between two directions (below eq. 101)."""
     azimuth = math.atan2(abs(v.x * l.y - v.y * l.x), v.x * l.x + v.y * l.y)
     return 4.41 * azimuth / (4.41 * azimuth + 1.0)
 
 
 @inlined
-def _direction(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def direction_correlated(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """λ G1 G1 + (1 - λ) min(G1, G1) (eq. 100)."""
-    apart = _ginneken(v, l)
+    apart = ginneken(v, l)
     return apart / (p.area * q.area) + (1.0 - apart) / max(p.area * q.cosine, q.area * p.cosine)
 
 
 @inlined
-def _height_direction(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def height_direction_correlated(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """1 / (1 + max(Λv, Λl) + λ min(Λv, Λl)) (eq. 101)."""
     both = p.cosine * q.cosine
     lambda_v, lambda_l = p.area * q.cosine - both, q.area * p.cosine - both
-    return 1.0 / (both + max(lambda_v, lambda_l) + _ginneken(v, l) * min(lambda_v, lambda_l))
+    return 1.0 / (both + max(lambda_v, lambda_l) + ginneken(v, l) * min(lambda_v, lambda_l))
 
 
 @inlined
-def _separable_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def separable_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     return 1.0 / (p.area * q.area)
 
 
 @formula
-def _beta(cv: float, cl: float, area_v: float, area_l: float) -> float:
+def beta(cv: float, cl: float, area_v: float, area_l: float) -> float:
     """B(1 + Λv, 1 + Λl): height correlation where the two directions are on opposite sides.
 
     Below the surface a point at height h is unmasked with probability (1 - C)^Λ instead of C^Λ (eq. 128),
@@ -105,10 +105,10 @@ def _beta(cv: float, cl: float, area_v: float, area_l: float) -> float:
 
 
 @inlined
-def _beta_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def beta_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     # Three logarithms of the Gamma function: only where they are asked for.
     if l.z < 0.0 and p.cosine > 0.0 and q.cosine > 0.0:
-        return _beta(p.cosine, q.cosine, p.area, q.area)
+        return beta(p.cosine, q.cosine, p.area, q.area)
     return 0.0
 
 
@@ -116,81 +116,81 @@ def _beta_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen)
 
 
 @inlined
-def _vcavity_g1(w: Vec, m: Vec, wm: float) -> float:
+def vcavity_g1(w: Vec, m: Vec, wm: float) -> float:
     """Eq. 49."""
     return min(1.0, 2.0 * m.z / length(m) * abs(w.z) / wm)
 
 
 @inlined
-def _vcavity_masked(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
-    return _vcavity_g1(w, m, wm) / w.z
+def vcavity_masking(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
+    return vcavity_g1(w, m, wm) / w.z
 
 
 @inlined
-def _vcavity(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def vcavity(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """min(G1, G1), which is Cook and Torrance's min(1, M, S)."""
-    return min(_vcavity_g1(v, m, vm), _vcavity_g1(l, m, lm)) / (v.z * l.z)
+    return min(vcavity_g1(v, m, vm), vcavity_g1(l, m, lm)) / (v.z * l.z)
 
 
 @inlined
-def _vcavity_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def vcavity_across(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """max(0, G1 + G1 - 1): of a facet, what is hidden from above and what from below lie at opposite ends."""
-    return max(0.0, _vcavity_g1(v, m, vm) + _vcavity_g1(l, m, lm) - 1.0) / (v.z * abs(l.z))
+    return max(0.0, vcavity_g1(v, m, vm) + vcavity_g1(l, m, lm) - 1.0) / (v.z * abs(l.z))
 
 
 # What belongs to no microsurface
 
 
 @inlined
-def _implicit_masked(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
+def implicit_masking(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
     return 1.0
 
 
 @inlined
-def _implicit(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def implicit(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """G2 = cos v cos l (eq. 56)."""
     return 1.0
 
 
 @inlined
-def _kelemen_masked(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
+def kelemen_masking(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
     return 1.0 / wm
 
 
 @inlined
-def _kelemen(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+def kelemen(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
     """G2 = cos v cos l / (v.m l.m) (eq. 59)."""
     return 1.0 / (vm * lm)
 
 
 @inlined
-def _schlick_smith_area(w: Vec, seen: Seen) -> float:
+def schlick_smith_area(w: Vec, seen: Seen) -> float:
     """cos θ / G1 of Schlick's rational masking (Schlick 1994, eq. 19): k is sqrt(2/π) times the RMS slope."""
     k = seen.sine / math.sqrt(max(1.0 - w.z * w.z, 1e-300)) / SQRT_PI
     return w.z * (1.0 - k) + k
 
 
 @inlined
-def _schlick_smith_masked(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
-    return 1.0 / _schlick_smith_area(w, seen)
+def schlick_smith_masking(w: Vec, m: Vec, wm: float, seen: Seen) -> float:
+    return 1.0 / schlick_smith_area(w, seen)
 
 
 @inlined
-def _schlick_smith(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
-    return 1.0 / (_schlick_smith_area(v, p) * _schlick_smith_area(l, q))
+def schlick_smith(v: Vec, l: Vec, m: Vec, vm: float, lm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+    return 1.0 / (schlick_smith_area(v, p) * schlick_smith_area(l, q))
 
 
 _SMITH = {
-    HEIGHT: (_height, _beta_across),
-    SEPARABLE: (_separable, _separable_across),
-    DIRECTION: (_direction, _separable_across),
-    HEIGHT_DIRECTION: (_height_direction, _beta_across),
+    HEIGHT: (height_correlated, beta_across),
+    SEPARABLE: (separable, separable_across),
+    DIRECTION: (direction_correlated, separable_across),
+    HEIGHT_DIRECTION: (height_direction_correlated, beta_across),
 }
 _OTHERS = {
-    VCAVITY: Masking(VCAVITY, _vcavity_masked, _vcavity, _vcavity_across, None, True),
-    IMPLICIT: Masking(IMPLICIT, _implicit_masked, _implicit, None, None, False),
-    KELEMEN: Masking(KELEMEN, _kelemen_masked, _kelemen, None, None, False),
-    SCHLICK_SMITH: Masking(SCHLICK_SMITH, _schlick_smith_masked, _schlick_smith, None, "sine", False),
+    VCAVITY: Masking(VCAVITY, vcavity_masking, vcavity, vcavity_across, None, True),
+    IMPLICIT: Masking(IMPLICIT, implicit_masking, implicit, None, None, False),
+    KELEMEN: Masking(KELEMEN, kelemen_masking, kelemen, None, None, False),
+    SCHLICK_SMITH: Masking(SCHLICK_SMITH, schlick_smith_masking, schlick_smith, None, "sine", False),
 }
 
 
@@ -208,4 +208,4 @@ def masking_of(masking: str, correlation: str) -> Masking:
     if correlation not in _SMITH:
         raise NotImplementedError(f"smith, {correlation}: there is no correlation of that name")
     same_side, across = _SMITH[correlation]
-    return Masking(f"{masking} {correlation}", _smith_masked, same_side, across, "area", True)
+    return Masking(f"{masking} {correlation}", smith_masking, same_side, across, "area", True)

@@ -174,25 +174,25 @@ class Distribution:
 
 
 @inlined
-def _ggx_normals(t: Vec, size: float) -> float:
+def ggx_normals(t: Vec, size: float) -> float:
     """Eq. 85: uniform on the sphere, in the standard configuration."""
     ratio = size / dot(t, t)
     return ratio * ratio / math.pi
 
 
 @inlined
-def _ggx_projected_area(w: Vec) -> float:
+def ggx_projected_area(w: Vec) -> float:
     """Eq. 86."""
     return 0.5 * (w.z + math.sqrt(dot(w, w)))
 
 
 @inlined
-def _ggx_slope(u: float) -> float:
+def ggx_slope(u: float) -> float:
     return math.sqrt(u / (1.0 - u))
 
 
 @inlined
-def _ggx_visible_normal(w: Vec, u0: float, u1: float) -> Vec:
+def ggx_visible_normal(w: Vec, u0: float, u1: float) -> Vec:
     """A spherical cap (Dupuy and Benyoub 2023)."""
     d = unit(w)
     # At exactly 1 and normal incidence the normal would have no length.
@@ -206,29 +206,22 @@ def _ggx_visible_normal(w: Vec, u0: float, u1: float) -> Vec:
 
 
 @inlined
-def _beckmann_normals(t: Vec, size: float) -> float:
+def beckmann_normals(t: Vec, size: float) -> float:
     """Eq. 82: cos⁴, where the extracted eq. 68 prints cos²."""
     inverse = 1.0 / (t.z * t.z)
     ratio = size * inverse
     return exponential(-(t.x * t.x + t.y * t.y) * inverse) * ratio * ratio / math.pi
 
 
-@formula
-def beckmann_projected_area(cosine: float, sine: float) -> float:
-    """cos θ (1 + Λ) of Beckmann (eqs. 41 and 83): cos θ (1 + erf a) / 2 + sine e^(-a²) / (2 sqrt π), a = cos
-    θ / sine >= 0.
-    """
-    a = max(cosine, 0.0) / max(sine, 1e-300)
-    return cosine + sine * gaussian_excess(a)
+@inlined
+def beckmann_projected_area(w: Vec) -> float:
+    """cos θ (1 + erf a) / 2 + sine e^(-a²) / (2 sqrt π), a = cos θ / sine (eq. 83)."""
+    sine = math.sqrt(w.x * w.x + w.y * w.y)
+    return w.z + sine * gaussian_excess(max(w.z, 0.0) / max(sine, 1e-300))
 
 
 @inlined
-def _beckmann_projected_area(w: Vec) -> float:
-    return beckmann_projected_area(w.z, math.sqrt(w.x * w.x + w.y * w.y))
-
-
-@inlined
-def _beckmann_rational_projected_area(w: Vec) -> float:
+def beckmann_rational_projected_area(w: Vec) -> float:
     """Walter's rational fit of Beckmann's Λ (the unnumbered equation after eq. 69)."""
     a = w.z / max(math.sqrt(w.x * w.x + w.y * w.y), 1e-300)
     fit = (1.0 - 1.259 * a + 0.396 * a * a) / (3.535 * a + 2.181 * a * a)
@@ -236,12 +229,12 @@ def _beckmann_rational_projected_area(w: Vec) -> float:
 
 
 @inlined
-def _beckmann_slope(u: float) -> float:
+def beckmann_slope(u: float) -> float:
     return math.sqrt(-math.log1p(-u))
 
 
 @inlined
-def _begin_beckmann(w: Vec, u0: float, u1: float) -> tuple[float, float, float, float]:
+def begin_beckmann(w: Vec, u0: float, u1: float) -> tuple[float, float, float, float]:
     """The slope along w, of which Jakob 2014, "An Improved Visible Normal Sampling Routine for the Beckmann
     Distribution", guesses the error function: c - (1 + c) (1 - u)^p, c being the largest that is seen and p by the
     angle from the normal."""
@@ -256,12 +249,12 @@ def _begin_beckmann(w: Vec, u0: float, u1: float) -> tuple[float, float, float, 
         min(nearly_inverse_error_function(guess), high),
         -9.0,
         high,
-        u0 * beckmann_projected_area(w.z, sine),
+        u0 * beckmann_projected_area(w),
     )
 
 
 @inlined
-def _step_beckmann(
+def step_beckmann(
     w: Vec, at: float, low: float, high: float, target: float
 ) -> tuple[float, float, float, bool]:
     """One step of Halley's method to where w sees `target` of slopes along it that are less."""
@@ -284,7 +277,7 @@ def _step_beckmann(
 
 
 @inlined
-def _finish_beckmann(w: Vec, at: float, u1: float) -> Vec:
+def finish_beckmann(w: Vec, at: float, u1: float) -> Vec:
     """From slopes along and across w, of which the latter are Gaussian, back to its azimuth."""
     across = inverse_error_function(2.0 * u1 - 1.0)
     sine = math.sqrt(w.x * w.x + w.y * w.y)
@@ -293,18 +286,18 @@ def _finish_beckmann(w: Vec, at: float, u1: float) -> Vec:
     return Vec(-(cos_phi * at - sin_phi * across), -(sin_phi * at + cos_phi * across), 1.0)
 
 
-_BECKMANN_VISIBLE = Inversion(_begin_beckmann, _step_beckmann, _finish_beckmann)
+_BECKMANN_VISIBLE = Inversion(begin_beckmann, step_beckmann, finish_beckmann)
 
 DISTRIBUTIONS = {
-    GGX: Distribution(GGX, _ggx_normals, _ggx_projected_area, _ggx_slope, _ggx_visible_normal, GGX),
+    GGX: Distribution(GGX, ggx_normals, ggx_projected_area, ggx_slope, ggx_visible_normal, GGX),
     BECKMANN: Distribution(
-        BECKMANN, _beckmann_normals, _beckmann_projected_area, _beckmann_slope, _BECKMANN_VISIBLE, BECKMANN
+        BECKMANN, beckmann_normals, beckmann_projected_area, beckmann_slope, _BECKMANN_VISIBLE, BECKMANN
     ),
     BECKMANN_RATIONAL: Distribution(
         BECKMANN_RATIONAL,
-        _beckmann_normals,
-        _beckmann_rational_projected_area,
-        _beckmann_slope,
+        beckmann_normals,
+        beckmann_rational_projected_area,
+        beckmann_slope,
         _BECKMANN_VISIBLE,
         BECKMANN,
     ),
@@ -324,7 +317,7 @@ def phong_exponent(alpha: float) -> float:
 
 
 @inlined
-def _phong_D(m: Vec, a: Alpha) -> float:
+def phong_D(m: Vec, a: Alpha) -> float:
     """D of Blinn-Phong, (e + 2) / 2π cos^e (article 003), anisotropic as Ashikhmin and Shirley's."""
     across = m.x * m.x + m.y * m.y
     z2 = m.z * m.z
@@ -335,7 +328,7 @@ def _phong_D(m: Vec, a: Alpha) -> float:
 
 
 @inlined
-def _phong_normal(a: Alpha, u0: float, u1: float) -> Vec:
+def phong_normal(a: Alpha, u0: float, u1: float) -> Vec:
     """Ashikhmin and Shirley: the azimuth by stretching a circle, then cos^(e + 2) uniform."""
     sin_phi, cos_phi = sine_cosine(u0)
     x, y = a.x * cos_phi, a.y * sin_phi
@@ -383,7 +376,7 @@ def microsurface(distribution: str, sheared: bool = False) -> Microsurface:
         NotImplementedError: a distribution that has none.
     """
     if distribution == PHONG and not sheared:
-        return Microsurface(PHONG, Alpha, _phong_D, _phong_normal, _straight_direction, None, None)
+        return Microsurface(PHONG, Alpha, phong_D, phong_normal, _straight_direction, None, None)
     if distribution not in DISTRIBUTIONS:
         what = "way to shear its slopes" if distribution == PHONG else "distribution of that name"
         raise NotImplementedError(f"{distribution}: there is no {what}")

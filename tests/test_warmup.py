@@ -71,7 +71,7 @@ def test_what_is_missing_is_compiled_and_kept_at_once(kernels):
 
 
 def test_what_another_process_compiles_is_left_to_it_and_waited_for_at_the_end(kernels):
-    with kernels[0]._dispatcher()[1].alone(wait=True):
+    with kernels[0]._dispatcher()[2].alone(wait=True):
         assert not kernels[0].prepare(wait=False)
         told = []
 

@@ -11,9 +11,9 @@ from numba import carray  # type: ignore[attr-defined]
 
 from . import block, parts
 from .block import BLOCK, EX, GX, GY, GZ, LOBE, NX, SIZE, Modes, Parameters, load_directions
-from .compiled import Array, Kernel, Part, call, inlined, named, run
+from .compiled import Array, Kernel, KernelPart, call, inlined, named, run
 from .kernels import load
-from .lobe import Surface, seen_by, surface
+from .lobe import Facets, facets, seen_by
 from .parts import normal_at, slopes_of, view_at
 from .vec import Vec, dot
 
@@ -45,19 +45,19 @@ ANSWER = Kernel(_answer, 2 + len(Parameters._fields) + 1, 2)
 
 
 @cache
-def part(question: str, distribution: str, masking: str, correlation: str, is_sheared: bool) -> Part:
+def part(question: str, distribution: str, masking: str, correlation: str, is_sheared: bool) -> KernelPart:
     """What answers a question, compiled on its first use.
 
     Raises:
         NotImplementedError: there are no formulas of what is named.
     """
-    of = surface(distribution, masking, correlation, is_sheared)
+    of = facets(distribution, masking, correlation, is_sheared)
     if question == VISIBLE_NORMAL:
         return parts.part("visible_normals", of)
     return {D: _normals, LAMBDA: _lambda, G1: _masked, G2: _lit, PDF: _density}[question](of)
 
 
-def _normals(of: Surface) -> Part:
+def _normals(of: Facets) -> KernelPart:
     density, slopes = of.micro.D, slopes_of(of)
 
     @named("D", of.micro.name)
@@ -68,10 +68,10 @@ def _normals(of: Surface) -> Part:
             d = density(m, slopes(s, i))
             s[LOBE + i] = d if m.z > 0.0 else 0.0
 
-    return Part(answer)
+    return KernelPart(answer)
 
 
-def _lambda(of: Surface) -> Part:
+def _lambda(of: Facets) -> KernelPart:
     """Λ (eqs. 83, 86, 96); infinite where the mesosurface is seen from behind."""
     seen, slopes = of.micro.wanted("seen"), slopes_of(of)
 
@@ -82,10 +82,10 @@ def _lambda(of: Surface) -> Part:
             w = seen(view_at(s, i), slopes(s, i))
             s[LOBE + i] = w.area / w.cosine - 1.0 if w.cosine > 0.0 else math.inf
 
-    return Part(answer)
+    return KernelPart(answer)
 
 
-def _g1(of: Surface) -> Any:
+def _g1(of: Facets) -> Any:
     """(w, m, slopes): G1 (eqs. 43, 49, 56, 59)."""
     seen, masked, is_physical = seen_by(of.micro, of.masking), of.masking.masked, of.masking.is_physical
 
@@ -99,7 +99,7 @@ def _g1(of: Surface) -> Any:
     return inlined(g1)
 
 
-def _masked(of: Surface) -> Part:
+def _masked(of: Facets) -> KernelPart:
     g1, slopes = _g1(of), slopes_of(of)
 
     @named("G1", of.name)
@@ -108,10 +108,10 @@ def _masked(of: Surface) -> Part:
         for i in range(BLOCK):
             s[LOBE + i] = g1(view_at(s, i), normal_at(s, i), slopes(s, i))
 
-    return Part(answer)
+    return KernelPart(answer)
 
 
-def _density(of: Surface) -> Part:
+def _density(of: Facets) -> KernelPart:
     """Eq. 16, over the mesosurface's cosine, which is the normal's where slopes are centred."""
     g1, density, slopes, direction = _g1(of), of.micro.D, slopes_of(of), of.micro.direction
 
@@ -124,10 +124,10 @@ def _density(of: Surface) -> Part:
             p = g1(v, m, a) * max(dot(v, m), 0.0) * density(m, a) / cosine
             s[LOBE + i] = p if min(cosine, m.z) > 0.0 else 0.0
 
-    return Part(answer)
+    return KernelPart(answer)
 
 
-def _lit(of: Surface) -> Part:
+def _lit(of: Facets) -> KernelPart:
     g1, seen, slopes = _g1(of), seen_by(of.micro, of.masking), slopes_of(of)
     same_side, is_physical = of.masking.same_side, of.masking.is_physical
     # What belongs to no microsurface is the product of both maskings on either side.
@@ -150,11 +150,11 @@ def _lit(of: Surface) -> Part:
                 else:
                     s[LOBE + i] = same_side(v, l, m, vm, lm, p, q) * cosines
 
-    return Part(answer)
+    return KernelPart(answer)
 
 
 def ask(
-    of: Part,
+    of: KernelPart,
     v: Array,
     l: Array,  # noqa: E741
     m: Array,

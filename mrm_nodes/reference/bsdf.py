@@ -37,7 +37,7 @@ from .checks import (
 from .compiled import Array, Kernel, run
 from .energy import white_albedo_table
 from .fresnel import CONDUCTOR, DIELECTRIC, SCHLICK
-from .lobe import Surface, surface
+from .lobe import Facets, facets
 from .masking import SMITH, VCAVITY
 from .microsurface import DISTRIBUTIONS as SHAPE_INVARIANT
 from .microsurface import PHONG
@@ -200,14 +200,14 @@ class Lobe:
         return pair
 
     @functools.cached_property
-    def _surface(self) -> Surface:
+    def _facets(self) -> Facets:
         """The formulas of what its arguments name; `NotImplementedError` where there are none."""
-        return surface(self._distribution, self._masking, self._correlation, self._is_sheared)
+        return facets(self._distribution, self._masking, self._correlation, self._is_sheared)
 
     def _answering(self, question: str, scheme: int | None = None) -> block.Modes:
         """What a kernel is told: the parts that answer a question, with another compensation where one is named."""
         modes = self._modes if scheme is None else self._modes._replace(compensation=scheme)
-        return parts.answering(question, modes, self._surface, self._is_fifth)
+        return parts.answering(question, modes, self._facets, self._is_fifth)
 
     def _run(
         self,

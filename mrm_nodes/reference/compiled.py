@@ -103,7 +103,7 @@ _call_address: Any = intrinsic(_call)
 
 @formula
 def call(address: int, scratch: Array) -> None:
-    """Run the `Part` at an address on a block."""
+    """Run the `KernelPart` at an address on a block."""
     if address == 0:
         raise NotImplementedError("a part that was not asked for")
     _call_address(address, scratch)
@@ -129,7 +129,9 @@ def _source_stamp() -> str:
     digest = hashlib.sha256(numba.__version__.encode())
     for path in sorted(Path(__file__).parent.glob("*.py")):
         source = path.read_bytes()
-        if any(mark in source for mark in (b"@formula", b"@contracted", b"@inlined", b"Kernel(", b"Part(")):
+        if any(
+            mark in source for mark in (b"@formula", b"@contracted", b"@inlined", b"Kernel(", b"KernelPart(")
+        ):
             digest.update(source)
     return digest.hexdigest()
 
@@ -326,7 +328,7 @@ class Kernel(_Compiled):
         return uncompiled
 
 
-class Part(_Compiled):
+class KernelPart(_Compiled):
     """A function of a block's scratch memory that is made of formulas, which its name says; kernels `call` it by its
     address."""
 

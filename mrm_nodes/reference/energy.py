@@ -20,7 +20,7 @@ from .checks import CORRELATIONS, DISTRIBUTIONS, MASKINGS, choice, scalar
 from .compiled import Array, Kernel, run
 from .energy_formulas import ACROSS, AVERAGES, COLUMNS, FREE, NARROW, ROWS, WIDEST, WIDTHS
 from .fresnel import DIELECTRIC
-from .lobe import surface
+from .lobe import facets
 from .masking import VCAVITY
 from .microsurface import PHONG
 from .quadrature import quadrature_nodes
@@ -54,7 +54,7 @@ def _integrated(v: Array, alpha: Array, distribution: str, masking: str, correla
     modes = block.Modes(
         kind=DIELECTRIC, compensation=formulas.NONE, scatter=block.REFLECT, retro_transmission=0
     )
-    modes = parts.answering("albedo", modes, surface(distribution, masking, correlation, False), True)
+    modes = parts.answering("albedo", modes, facets(distribution, masking, correlation, False), True)
     tables = [np.ones((2, 2)), quadrature_nodes(RESOLUTION)]
     (albedo,), _ = run(kernels.INTEGRATE, [-v, np.zeros(3), *white], modes, [3], tables)
     return np.asarray(albedo[..., 0])

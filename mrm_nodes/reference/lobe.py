@@ -1,6 +1,6 @@
 """The lobes of the papers, written once each: what reflects and what refracts, forward or, with v' for v, retro.
 
-Equation numbers are those of 001, Portsmouth et al. 2026, "The Minimal Retroreflective Microfacet Model". A `Surface`
+Equation numbers are those of 001, Portsmouth et al. 2026, "The Minimal Retroreflective Microfacet Model". A `Facets`
 is a distribution with a masking; each function here makes of one a compiled formula of named values, without the
 reflectance, which is a factor of its own."""
 
@@ -18,7 +18,7 @@ from .vec import Vec, dot, half_vector, length, reflected, refracted
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class Facets:
     """A microsurface and how it is masked: all that decides about the shape of a lobe."""
 
     micro: Microsurface
@@ -37,14 +37,14 @@ class Surface:
 
 
 @cache
-def surface(distribution: str, masking: str, correlation: str, is_sheared: bool) -> Surface:
+def facets(distribution: str, masking: str, correlation: str, is_sheared: bool) -> Facets:
     """The formulas of what a lobe's arguments name.
 
     Raises:
         NotImplementedError: a name that has no formulas.
     """
     try:
-        return Surface(microsurface(distribution, is_sheared), masking_of(masking, correlation), is_sheared)
+        return Facets(microsurface(distribution, is_sheared), masking_of(masking, correlation), is_sheared)
     except NotImplementedError as error:
         raise NotImplementedError(f"{distribution}, {masking}, {correlation}: {error}") from None
 
@@ -71,7 +71,7 @@ def seen_by(micro: Microsurface, masking: Masking) -> Formula:
     return sine_seen
 
 
-def _visible(of: Surface) -> Formula:
+def _visible(of: Facets) -> Formula:
     """(v, m, vm, slopes): G1(v, m) / (v.n) of the normals that are drawn; 0 where v sees none."""
     seen, masked = seen_by(of.micro, of.drawn), of.drawn.masked
 
@@ -85,7 +85,7 @@ def _visible(of: Surface) -> Formula:
     return visible
 
 
-def _lit(of: Surface) -> Formula:
+def _lit(of: Facets) -> Formula:
     """(v, l, m, vm, slopes): G2(v, l, m) / (|v.n| |l.n|) with v and l on one side."""
     seen, same_side = seen_by(of.micro, of.masking), of.masking.same_side
     if not (of.is_sheared and of.masking.asks == "area"):
@@ -108,7 +108,7 @@ def _lit(of: Surface) -> Formula:
     return lit_off_the_normal
 
 
-def _lit_across(of: Surface) -> Formula:
+def _lit_across(of: Facets) -> Formula:
     """(v, l, m, vm, lm, slopes): G2(v, l, m) / (|v.n| |l.n|) with l on the other side than v."""
     seen, across = seen_by(of.micro, of.masking), of.masking.across
     if across is None:
@@ -124,7 +124,7 @@ def _lit_across(of: Surface) -> Formula:
     return lit
 
 
-def reflection(of: Surface) -> Formula:
+def reflection(of: Facets) -> Formula:
     """(v, l, slopes): D(m) G2(v, l, m) / (4 |v.n| |l.n|) at the half vector m (eq. 1), and v.m."""
     D, lit = of.micro.D, _lit(of)
 
@@ -138,7 +138,7 @@ def reflection(of: Surface) -> Formula:
     return lobe
 
 
-def reflection_density(of: Surface) -> Formula:
+def reflection_density(of: Facets) -> Formula:
     """(v, l, slopes): D_v(m) / (4 v.m), the density of l where a visible normal reflects v (Section 4, with the
     Jacobian of eq. 4), and v.m."""
     D, visible = of.micro.D, _visible(of)
@@ -171,7 +171,7 @@ def _refracts(v: Vec, l: Vec, m: Vec, vm: float, lm: float, near: float, far: fl
     return min(min(min(vm, lm), m.z), min(v.z, -l.z)) > 0.0 and near != far
 
 
-def refraction(of: Surface) -> Formula:
+def refraction(of: Facets) -> Formula:
     """(v, l, near index, far index, slopes): eq. 2 without 1 - F, v.m and -l.m; 0 where nothing refracts."""
     D, lit = of.micro.D, _lit_across(of)
 
@@ -186,7 +186,7 @@ def refraction(of: Surface) -> Formula:
     return lobe
 
 
-def refraction_density(of: Surface) -> Formula:
+def refraction_density(of: Facets) -> Formula:
     """(v, l, near index, far index, slopes): the density of l where a visible normal refracts v, by the Jacobian of
     eq. 5 with ηl² above; v.m and -l.m."""
     D, visible = of.micro.D, _visible(of)
@@ -201,7 +201,7 @@ def refraction_density(of: Surface) -> Formula:
     return density
 
 
-def reflected_share(of: Surface) -> Formula:
+def reflected_share(of: Facets) -> Formula:
     """(v, m, vm, slopes): G2 / G1(v), what of a visible normal's reflection is not shadowed."""
     lit, visible = _lit(of), _visible(of)
 
@@ -215,7 +215,7 @@ def reflected_share(of: Surface) -> Formula:
     return share
 
 
-def refracted_share(of: Surface) -> Formula:
+def refracted_share(of: Facets) -> Formula:
     """(v, m, vm, near index over far index, slopes): G2 / G1(v), what of a visible normal's refraction is not
     shadowed."""
     lit, visible = _lit_across(of), _visible(of)

@@ -5,8 +5,8 @@ BRDFs", unless another source is named. Directions point away from the surface; 
 
 A distribution is written once, in the standard configuration: alpha 1, isotropic, centred. Any other is that one
 after the linear map slope = mean + L s, with L the lower triangle of the stretching matrix of eq. 88, and masking does
-not change under such a map when directions are carried along (Section 5). So a `Distribution` is the formulas of the
-standard configuration, a `Stretching` those of the map, and `microsurface` puts the two together. Phong's
+not change under such a map when directions are carried along (Section 5). So a `SlopeDistribution` is the formulas
+of the standard configuration, a `Stretching` those of the map, and `microsurface` puts the two together. Phong's
 distribution is none of that kind, and has formulas of its own.
 
 What a bundle of formulas has not is an error that names it."""
@@ -151,7 +151,7 @@ class Inversion(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Distribution:
+class SlopeDistribution:
     """A shape-invariant distribution of slopes: its formulas in the standard configuration.
 
     A normal t may have any length there, and a direction w is what the map has made of one.
@@ -289,11 +289,11 @@ def finish_beckmann(w: Vec, at: float, u1: float) -> Vec:
 _BECKMANN_VISIBLE = Inversion(begin_beckmann, step_beckmann, finish_beckmann)
 
 DISTRIBUTIONS = {
-    GGX: Distribution(GGX, ggx_normals, ggx_projected_area, ggx_slope, ggx_visible_normal, GGX),
-    BECKMANN: Distribution(
+    GGX: SlopeDistribution(GGX, ggx_normals, ggx_projected_area, ggx_slope, ggx_visible_normal, GGX),
+    BECKMANN: SlopeDistribution(
         BECKMANN, beckmann_normals, beckmann_projected_area, beckmann_slope, _BECKMANN_VISIBLE, BECKMANN
     ),
-    BECKMANN_RATIONAL: Distribution(
+    BECKMANN_RATIONAL: SlopeDistribution(
         BECKMANN_RATIONAL,
         beckmann_normals,
         beckmann_rational_projected_area,
@@ -383,7 +383,7 @@ def microsurface(distribution: str, sheared: bool = False) -> Microsurface:
     return _stretched(DISTRIBUTIONS[distribution], SHEARED if sheared else STRAIGHT)
 
 
-def _stretched(standard: Distribution, stretching: Stretching) -> Microsurface:
+def _stretched(standard: SlopeDistribution, stretching: Stretching) -> Microsurface:
     name = f"{standard.name} {stretching.name}"
     normals, projected_area, slope = standard.normals, standard.projected_area, standard.slope
     determinant, to_standard = stretching.determinant, stretching.normal

@@ -1,8 +1,8 @@
 """What is compiled of formulas for a block of configurations: for each question a loop over lanes that is made from the
 lobe's formula, and the list of those that are compiled ahead.
 
-A part takes named values from rows, and leaves what a formula says in rows. It is compiled for one surface, or for one
-interface, and a kernel calls it by its address: so surfaces and interfaces add up and do not multiply."""
+A part takes named values from rows, and leaves what a formula says in rows. It is compiled for one kind of facets, or
+for one interface, and a kernel calls it by its address: so what these may be adds up and does not multiply."""
 
 from __future__ import annotations
 
@@ -76,9 +76,9 @@ from .block import (
     Modes,
 )
 from .checks import PAIRS
-from .compiled import KERNELS, Part, inlined, named
+from .compiled import KERNELS, KernelPart, inlined, named
 from .fresnel import INTERFACES, Interface, interface
-from .lobe import Surface, surface
+from .lobe import Facets, facets
 from .masking import HEIGHT
 from .microsurface import Alpha, Formula, Inversion, Slopes
 from .thinfilm import film_reflectance
@@ -113,11 +113,11 @@ def _slopes(s: Any, i: int) -> Slopes:
     return Slopes(s[AX + i], s[AY + i], s[RXY + i], s[MX + i], s[MY + i])
 
 
-def slopes_of(of: Surface) -> Formula:
+def slopes_of(of: Facets) -> Formula:
     return _slopes if of.micro.slopes is Slopes else _alpha
 
 
-def _reflecting(formula: Formula, of: Surface, question: str) -> Part:
+def _reflecting(formula: Formula, of: Facets, question: str) -> KernelPart:
     """A lobe's value and v.m, forward and retro, into `LOBE` to `RETRO_COSINE`; 0 where v or l is below."""
     slopes = slopes_of(of)
 
@@ -138,10 +138,10 @@ def _reflecting(formula: Formula, of: Surface, question: str) -> Part:
                 s[RETRO_LOBE + i] = value if min(v.z, l.z) > 0.0 else 0.0
                 s[RETRO_COSINE + i] = cosine
 
-    return Part(part)
+    return KernelPart(part)
 
 
-def _refracting(formula: Formula, of: Surface, question: str) -> Part:
+def _refracting(formula: Formula, of: Facets, question: str) -> KernelPart:
     """A lobe's value, v.m and -l.m, forward and, where a retro share refracts by itself, retro."""
     slopes = slopes_of(of)
 
@@ -167,7 +167,7 @@ def _refracting(formula: Formula, of: Surface, question: str) -> Part:
                 s[RETRO_COSINE + i] = cosine
                 s[RETRO_FAR_COSINE + i] = far_cosine
 
-    return Part(part)
+    return KernelPart(part)
 
 
 @inlined
@@ -177,14 +177,14 @@ def _keep_normal(s: Any, i: int, v: Vec, m: Vec, is_seen: bool) -> None:
     s[VM + i] = cosine if is_seen and cosine > 0.0 else 0.0
 
 
-def _visible_normals(of: Surface) -> Part:
+def _visible_normals(of: Facets) -> KernelPart:
     """Unit normals visible from v for the uniforms in the rows of l, and v.m, 0 where none is seen."""
     slopes, name = slopes_of(of), named("visible_normals", of.micro.name, of.drawn.name)
     if of.drawn.asks is None:
         normal = of.micro.normal
 
         @name
-        def facets(scratch: Any) -> None:
+        def cavities(scratch: Any) -> None:
             """A cavity by the area of the geometric surface that it covers, then one of its two facets by how much of
             each is seen (Heitz and d'Eon 2014); what is left of the third uniform stays in its row."""
             s = carray(scratch, (SIZE,))
@@ -197,7 +197,7 @@ def _visible_normals(of: Surface) -> Part:
                 s[LZ + i] = u / chance if is_other else (u - chance) / (1.0 - chance)
                 _keep_normal(s, i, v, turned(m) if is_other else m, v.z > 0.0)
 
-        return Part(facets)
+        return KernelPart(cavities)
     visible, direction = of.micro.wanted("visible_normal"), of.micro.direction
     if isinstance(visible, Inversion):
         begin, step, finish = visible
@@ -229,7 +229,7 @@ def _visible_normals(of: Surface) -> Part:
                 is_seen = v.z > 0.0 and direction(v, a).z > 0.0
                 _keep_normal(s, i, v, finish(v, a, s[AT + i], s[LY + i]), is_seen)
 
-        return Part(invert)
+        return KernelPart(invert)
 
     @name
     def draw(scratch: Any) -> None:
@@ -239,10 +239,10 @@ def _visible_normals(of: Surface) -> Part:
             is_seen = v.z > 0.0 and direction(v, a).z > 0.0
             _keep_normal(s, i, v, visible(v, a, s[LX + i], s[LY + i]), is_seen)
 
-    return Part(draw)
+    return KernelPart(draw)
 
 
-def _quadrature_normals(of: Surface) -> Part:
+def _quadrature_normals(of: Facets) -> KernelPart:
     """Unit normals, v.m and weights for averages over those that are seen from v, by nodes in the rows of l: u0, u1
     and a weight.
 
@@ -252,7 +252,7 @@ def _quadrature_normals(of: Surface) -> Part:
     if of.drawn.asks is None:
 
         @name
-        def facets(scratch: Any) -> None:
+        def cavities(scratch: Any) -> None:
             s = carray(scratch, (SIZE,))
             for i in range(BLOCK):
                 v, m = view_at(s, i), normal(slopes(s, i), s[LX + i], s[LY + i])
@@ -261,7 +261,7 @@ def _quadrature_normals(of: Surface) -> Part:
                 s[WEIGHT + i] = s[LZ + i] * (near / (near + other)) if near > 0.0 else 0.0
                 _keep_normal(s, i, v, m, True)
 
-        return Part(facets)
+        return KernelPart(cavities)
     if visible is None or isinstance(visible, Inversion):
 
         @name
@@ -272,7 +272,7 @@ def _quadrature_normals(of: Surface) -> Part:
                 s[WEIGHT + i] = s[LZ + i] * (max(dot(v, m), 0.0) / m.z)
                 _keep_normal(s, i, v, m, True)
 
-        return Part(weigh)
+        return KernelPart(weigh)
 
     @name
     def draw(scratch: Any) -> None:
@@ -282,10 +282,10 @@ def _quadrature_normals(of: Surface) -> Part:
             s[WEIGHT + i] = s[LZ + i]
             _keep_normal(s, i, v, visible(v, slopes(s, i), s[LX + i], s[LY + i]), True)
 
-    return Part(draw)
+    return KernelPart(draw)
 
 
-def _reflected_share(of: Surface) -> Part:
+def _reflected_share(of: Facets) -> KernelPart:
     share, slopes = lobe.reflected_share(of), slopes_of(of)
 
     @named("reflected_share", of.name)
@@ -294,10 +294,10 @@ def _reflected_share(of: Surface) -> Part:
         for i in range(BLOCK):
             s[REFLECTED + i] = share(view_at(s, i), normal_at(s, i), s[VM + i], slopes(s, i))
 
-    return Part(part)
+    return KernelPart(part)
 
 
-def _refracted_share(of: Surface) -> Part:
+def _refracted_share(of: Facets) -> KernelPart:
     share, slopes = lobe.refracted_share(of), slopes_of(of)
 
     @named("refracted_share", of.name)
@@ -307,11 +307,11 @@ def _refracted_share(of: Surface) -> Part:
             ratio = 1.0 / s[INDEX + i] if s[SIDE + i] > 0.0 else s[INDEX + i]
             s[REFRACTED + i] = share(view_at(s, i), normal_at(s, i), s[VM + i], ratio, slopes(s, i))
 
-    return Part(part)
+    return KernelPart(part)
 
 
 @cache
-def reflectance(of: Interface) -> Part:
+def reflectance(of: Interface) -> KernelPart:
     """Reflectance of an interface at its outer cosine, the same from either side, or of its film: `OUTER` into `FR`,
     `FG`, `FB`."""
     reflects, kind, is_grey = of.reflectance, of.kind, of.is_grey
@@ -339,10 +339,10 @@ def reflectance(of: Interface) -> Part:
                         s[C0 + i], s[C1 + i], s[C2 + i], s[EXPONENT + i], s[FILM + i], s[FILM_INDEX + i],
                     )  # fmt: skip
 
-    return Part(part)
+    return KernelPart(part)
 
 
-_MAKE: dict[str, Callable[[Surface], Part]] = {
+_MAKE: dict[str, Callable[[Facets], KernelPart]] = {
     "reflection": lambda of: _reflecting(lobe.reflection(of), of, "reflection"),
     "refraction": lambda of: _refracting(lobe.refraction(of), of, "refraction"),
     "reflection_density": lambda of: _reflecting(lobe.reflection_density(of), of, "reflection_density"),
@@ -366,11 +366,11 @@ QUESTIONS = {
 
 
 @cache
-def part(name: str, of: Surface) -> Part:
-    """One of the parts of a surface.
+def part(name: str, of: Facets) -> KernelPart:
+    """One of the parts of a kind of facets.
 
     Raises:
-        NotImplementedError: the surface has not the formulas that it takes.
+        NotImplementedError: the facets have not the formulas that it takes.
     """
     return _MAKE[name](of)
 
@@ -382,7 +382,7 @@ def names_of(question: str, scatter: int) -> list[str]:
     return list(dict.fromkeys(asked))
 
 
-def answering(question: str, modes: Modes, of: Surface, is_fifth: bool) -> Modes:
+def answering(question: str, modes: Modes, of: Facets, is_fifth: bool) -> Modes:
     """What a kernel is told to answer a question: the addresses of the parts, compiled where they were not yet.
 
     Raises:
@@ -393,12 +393,12 @@ def answering(question: str, modes: Modes, of: Surface, is_fifth: bool) -> Modes
     return modes._replace(reflectance=reflectance(interface(modes.kind, is_fifth)).address, **addresses)
 
 
-def _ahead() -> list[Part]:
+def _ahead() -> list[KernelPart]:
     """What is compiled ahead: what evaluates and integrates every pair of distribution and masking that a MaterialX
     node may be, with alphas along the axes. Any other is compiled on its first use."""
     made = [reflectance(each) for each in INTERFACES.values()]
     for distribution, masking in PAIRS:
-        of = surface(distribution, masking, HEIGHT, False)
+        of = facets(distribution, masking, HEIGHT, False)
         made += [part(name, of) for question in ("eval", "albedo") for name in names_of(question, BOTH)]
     return list(dict.fromkeys(made))
 

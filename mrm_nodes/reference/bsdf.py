@@ -284,13 +284,13 @@ class Lobe:
         """
         view = directions("v", v)
         uniforms = directions("u", u)
-        if not ((uniforms >= 0.0) & (uniforms <= 1.0)).all():
-            bad = ~((uniforms >= 0.0) & (uniforms <= 1.0))
-            raise ValueError(f"u must be in [0, 1], not {first(uniforms, bad)}")
         (light, weight, density, delta), rejected = self._run(
             "sample", kernels.SAMPLE, view, uniforms, [3, 3, 1, 1]
         )
         if rejected:
+            bad = ~((uniforms >= 0.0) & (uniforms <= 1.0))
+            if bad.any():
+                raise ValueError(f"u must be in [0, 1], not {first(uniforms, bad)}")
             check_unit("v", view)
         return BsdfSample(light, weight, density[..., 0], delta[..., 0] > 0.0)
 

@@ -41,9 +41,10 @@ formula = numba.njit(error_model="numpy")
 
 # A product and a sum may be one instruction: only for functions of which v and l are given the same, because
 # such an instruction rounds its two products differently and reciprocity would hold to 1e-11 only.
-contracted = numba.njit(error_model="numpy", fastmath={"contract"})
+contracted = numba.njit(error_model="numpy", fastmath={"contract"}, forceinline=True)
 
-# For what is given the place of a row: only where it is a constant does a loop over the row vectorise.
+# For what is given the place of a row, or is too long for LLVM to inline by itself: a loop vectorises only over what it
+# has within.
 inlined = numba.njit(error_model="numpy", forceinline=True)
 
 

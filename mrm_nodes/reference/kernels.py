@@ -207,10 +207,11 @@ def _see(
 
 @inlined
 def _reflectance(s: Array, modes: Any, cosine: int) -> None:
-    """F where v meets a normal that reflects it, by the row of v.m."""
+    """F where v meets a normal that reflects it, by the row of v.m, which may be `OUTER` itself."""
     if modes[KIND] == CONDUCTOR:
-        for i in range(BLOCK):
-            s[OUTER + i] = s[cosine + i]
+        if cosine != OUTER:
+            for i in range(BLOCK):
+                s[OUTER + i] = s[cosine + i]
     else:
         for i in range(BLOCK):
             s[OUTER + i] = outer_cosine(s[cosine + i], s[SIDE + i], s[INDEX + i])
@@ -258,21 +259,26 @@ def _add(s: Array, row: int, is_retro: bool, is_shared: bool) -> None:
 
 @formula
 def _any_across(s: Array) -> bool:
-    found = 0.0
+    found = 0
     for i in range(BLOCK):
-        found += 1.0 if s[GZ + i] < 0.0 else 0.0
-    return found > 0.0
+        found += 1 if s[GZ + i] < 0.0 else 0
+    return found > 0
+
+
+@inlined
+def _factor(s: Array, modes: Any, cosine: int) -> None:
+    """What a reflection lobe is multiplied by (eq. 1), by the row of v.m."""
+    _reflectance(s, modes, cosine)
+    if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
+        compensate(s, FR)
 
 
 @formula
 def _reflect(s: Array, modes: Any) -> None:
     """The reflection lobes (eq. 1), each times its share of the blend, into the result."""
-    forward, retro = s[FORWARD] > 0.0, s[RETRO_SHARE] > 0.0
     call(modes[REFLECTION], s)
-    if forward:
-        _reflectance(s, modes, COSINE)
-        if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
-            compensate(s, FR)
+    if s[FORWARD] > 0.0:
+        _factor(s, modes, OUTER)
         for i in range(BLOCK):
             value = (1.0 - s[RETRO + i]) * s[LOBE + i]
             s[OR + i] = value * s[FR + i]
@@ -280,10 +286,8 @@ def _reflect(s: Array, modes: Any) -> None:
             s[OB + i] = value * s[FB + i]
     else:
         _clear(s)
-    if retro:
-        _reflectance(s, modes, RETRO_COSINE)
-        if modes[COMPENSATION] == energy.MATERIALX_1_39_5:
-            compensate(s, FR)
+    if s[RETRO_SHARE] > 0.0:
+        _factor(s, modes, RETRO_COSINE)
         for i in range(BLOCK):
             value = s[RETRO + i] * s[RETRO_LOBE + i]
             s[OR + i] += value * s[FR + i]
@@ -373,7 +377,7 @@ def _density_block(s: Array, modes: Any) -> None:
         call(modes[REFLECTION_DENSITY], s)
         if forward:
             if both:
-                _reflectance(s, modes, COSINE)
+                _reflectance(s, modes, OUTER)
             _add_density(s, LOBE, both, False, True)
         if retro:
             if both:
@@ -516,6 +520,14 @@ def _draw_block(s: Array, modes: Any) -> None:
 
 
 @formula
+def _not_uniform(s: Array) -> int:
+    rejected = 0
+    for i in range(3 * BLOCK):
+        rejected += 0 if s[LX + i] >= 0.0 and s[LX + i] <= 1.0 else 1
+    return rejected
+
+
+@formula
 def sound(density: float) -> float:
     """A density; 0 below float64's normal numbers, where it has lost its digits, and one over it is infinite."""
     return density if density >= SMALLEST_NORMAL else 0.0
@@ -523,7 +535,7 @@ def sound(density: float) -> float:
 
 def sample(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
     """Draw l for the uniforms in `inputs[IN_L]`: l, weights f |l.n| / pdf, densities, and 1 for a delta, of which
-    weight and probability; returns how many of v were not of unit length."""
+    weight and probability; returns how many of v were not of unit length, and of the uniforms outside of [0, 1]."""
     s = np.empty(SIZE)
     v, l, dense_v, dense_l = inputs[IN_V], inputs[IN_L], dense[0], dense[1]  # noqa: E741
     table, light, weight, densities, deltas = inputs[IN_TABLE], outputs[0], outputs[1], outputs[2], outputs[3]
@@ -534,7 +546,7 @@ def sample(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: 
         load_directions(s, VX, v, dense_v, begin, count, first)
         load_directions(s, LX, l, dense_l, begin, count, first)
         load(s, inputs, modes, begin, count, first)
-        rejected += _place_view(s, modes)
+        rejected += _place_view(s, modes) + _not_uniform(s)
         white_albedo(s, modes, table)
         _draw_block(s, modes)
         _place(s, modes)

@@ -118,7 +118,8 @@ def slopes_of(of: Facets) -> Formula:
 
 
 def _reflecting(formula: Formula, of: Facets, question: str) -> KernelPart:
-    """A lobe's value and v.m, forward and retro, into `LOBE` to `RETRO_COSINE`; 0 where v or l is below."""
+    """A lobe's value and v.m: forward into `LOBE` and `OUTER`, where what reflects looks for it, retro into
+    `RETRO_LOBE` and `RETRO_COSINE`; 0 where v or l is below."""
     slopes = slopes_of(of)
 
     @named(question, of.name)
@@ -130,7 +131,7 @@ def _reflecting(formula: Formula, of: Facets, question: str) -> KernelPart:
                 value, cosine = formula(v, l, slopes(s, i))
                 # What does not reflect may not even have a half vector: nothing computed from it is kept.
                 s[LOBE + i] = value if min(v.z, l.z) > 0.0 else 0.0
-                s[COSINE + i] = cosine
+                s[OUTER + i] = cosine
         if s[RETRO_SHARE] > 0.0:
             for i in range(BLOCK):
                 v, l = view_at(s, i), _light(s, i)  # noqa: E741
@@ -211,7 +212,7 @@ def _visible_normals(of: Facets) -> KernelPart:
                 )
                 s[SETTLED + i] = 0.0
             for _ in range(STEPS):
-                settled = 0.0
+                settled = 0
                 for i in range(BLOCK):
                     is_settled = s[SETTLED + i] > 0.0
                     at, low, high, settles = step(
@@ -220,8 +221,9 @@ def _visible_normals(of: Facets) -> KernelPart:
                     s[AT + i] = s[AT + i] if is_settled else at
                     s[LOW + i] = s[LOW + i] if is_settled else low
                     s[HIGH + i] = s[HIGH + i] if is_settled else high
-                    s[SETTLED + i] = 1.0 if is_settled or settles else 0.0
-                    settled += s[SETTLED + i]
+                    is_settled = is_settled or settles
+                    s[SETTLED + i] = 1.0 if is_settled else 0.0
+                    settled += 1 if is_settled else 0
                 if settled == BLOCK:
                     break
             for i in range(BLOCK):

@@ -72,13 +72,12 @@ def seen_by(micro: Microsurface, masking: Masking) -> Formula:
 
 
 def _visible(of: Facets) -> Formula:
-    """(v, m, vm, slopes): G1(v, m) / (v.n) of the normals that are drawn; 0 where v sees none."""
-    seen, masked = seen_by(of.micro, of.drawn), of.drawn.masked
+    """(v, m, vm, seen from v): G1(v, m) / (v.n) of the normals that are drawn; 0 where v sees none."""
+    masked = of.drawn.masked
 
     @inlined
     @named(of.micro.name, of.drawn.name)
-    def visible(v: Vec, m: Vec, vm: float, a: Any) -> float:
-        p = seen(v, a)
+    def visible(v: Vec, m: Vec, vm: float, p: Seen) -> float:
         g = masked(v, m, vm, p)
         return g if p.cosine > 0.0 else 0.0
 
@@ -86,21 +85,20 @@ def _visible(of: Facets) -> Formula:
 
 
 def _lit(of: Facets) -> Formula:
-    """(v, l, m, vm, slopes): G2(v, l, m) / (|v.n| |l.n|) with v and l on one side."""
-    seen, same_side = seen_by(of.micro, of.masking), of.masking.same_side
+    """(v, l, m, vm, seen from v, seen from l): G2(v, l, m) / (|v.n| |l.n|) with v and l on one side."""
+    same_side = of.masking.same_side
     if not (of.is_sheared and of.masking.asks == "area"):
 
         @inlined
         @named(of.name)
-        def lit(v: Vec, l: Vec, m: Vec, vm: float, a: Any) -> float:  # noqa: E741
-            return same_side(v, l, m, vm, vm, seen(v, a), seen(l, a))
+        def lit(v: Vec, l: Vec, m: Vec, vm: float, p: Seen, q: Seen) -> float:  # noqa: E741
+            return same_side(v, l, m, vm, vm, p, q)
 
         return lit
 
     @inlined
     @named(of.name)
-    def lit_off_the_normal(v: Vec, l: Vec, m: Vec, vm: float, a: Any) -> float:  # noqa: E741
-        p, q = seen(v, a), seen(l, a)
+    def lit_off_the_normal(v: Vec, l: Vec, m: Vec, vm: float, p: Seen, q: Seen) -> float:  # noqa: E741
         # The lit area is the mesosurface's; the caller's cosine is the geometric surface's (Heitz 2014, Section 5.5).
         g = same_side(v, l, m, vm, vm, p, q) * q.cosine / l.z
         return g if min(p.cosine, q.cosine) > 0.0 else 0.0
@@ -125,31 +123,34 @@ def _lit_across(of: Facets) -> Formula:
 
 
 def reflection(of: Facets) -> Formula:
-    """(v, l, slopes): D(m) G2(v, l, m) / (4 |v.n| |l.n|) at the half vector m (eq. 1), and v.m."""
+    """(v, l, slopes, seen from v, seen from l): D(m) G2(v, l, m) / (4 |v.n| |l.n|) at the half vector m (eq. 1), and
+    v.m.
+
+    Slopes about the normal are as many as their opposites: what is seen from v is seen from v'."""
     D, lit = of.micro.D, _lit(of)
 
     @inlined
     @named(of.name)
-    def lobe(v: Vec, l: Vec, a: Any) -> tuple[float, float]:  # noqa: E741
+    def lobe(v: Vec, l: Vec, a: Any, p: Seen, q: Seen) -> tuple[float, float]:  # noqa: E741
         m = half_vector(v, l)
         vm = 0.5 * length(m)
-        return 0.25 * D(m, a) * lit(v, l, m, vm, a), vm
+        return 0.25 * D(m, a) * lit(v, l, m, vm, p, q), vm
 
     return lobe
 
 
 def reflection_density(of: Facets) -> Formula:
-    """(v, l, slopes): D_v(m) / (4 v.m), the density of l where a visible normal reflects v (Section 4, with the
-    Jacobian of eq. 4), and v.m."""
+    """(v, l, slopes, seen from v, seen from l): D_v(m) / (4 v.m), the density of l where a visible normal reflects v
+    (Section 4, with the Jacobian of eq. 4), and v.m."""
     D, visible = of.micro.D, _visible(of)
 
     @inlined
     @named(of.name)
-    def density(v: Vec, l: Vec, a: Any) -> tuple[float, float]:  # noqa: E741
+    def density(v: Vec, l: Vec, a: Any, p: Seen, q: Seen) -> tuple[float, float]:  # noqa: E741
         m = half_vector(v, l)
         vm = 0.5 * length(m)
         # D_v(m) = G1(v, m) (v.m) D(m) / (v.n) (Heitz 2014, eq. 16).
-        return 0.25 * D(m, a) * visible(v, m, vm, a), vm
+        return 0.25 * D(m, a) * visible(v, m, vm, p), vm
 
     return density
 
@@ -189,13 +190,13 @@ def refraction(of: Facets) -> Formula:
 def refraction_density(of: Facets) -> Formula:
     """(v, l, near index, far index, slopes): the density of l where a visible normal refracts v, by the Jacobian of
     eq. 5 with ηl² above; v.m and -l.m."""
-    D, visible = of.micro.D, _visible(of)
+    D, visible, seen = of.micro.D, _visible(of), seen_by(of.micro, of.drawn)
 
     @inlined
     @named(of.name)
     def density(v: Vec, l: Vec, near: float, far: float, a: Any) -> tuple[float, float, float]:  # noqa: E741
         m, mm, vm, lm = _refracting_normal(v, l, near, far)
-        p = D(m, a) * visible(v, m, vm, a) * vm * lm * far * far / mm
+        p = D(m, a) * visible(v, m, vm, seen(v, a)) * vm * lm * far * far / mm
         return p if _refracts(v, l, m, vm, lm, near, far) else 0.0, vm, lm
 
     return density
@@ -204,12 +205,13 @@ def refraction_density(of: Facets) -> Formula:
 def reflected_share(of: Facets) -> Formula:
     """(v, m, vm, slopes): G2 / G1(v), what of a visible normal's reflection is not shadowed."""
     lit, visible = _lit(of), _visible(of)
+    seen, seen_by_drawn = seen_by(of.micro, of.masking), seen_by(of.micro, of.drawn)
 
     @inlined
     @named(of.name)
     def share(v: Vec, m: Vec, vm: float, a: Any) -> float:
         l = reflected(v, m)  # noqa: E741
-        ratio = lit(v, l, m, vm, a) * l.z / visible(v, m, vm, a)
+        ratio = lit(v, l, m, vm, seen(v, a), seen(l, a)) * l.z / visible(v, m, vm, seen_by_drawn(v, a))
         return ratio if min(vm, l.z) > 0.0 else 0.0
 
     return share
@@ -218,7 +220,7 @@ def reflected_share(of: Facets) -> Formula:
 def refracted_share(of: Facets) -> Formula:
     """(v, m, vm, near index over far index, slopes): G2 / G1(v), what of a visible normal's refraction is not
     shadowed."""
-    lit, visible = _lit_across(of), _visible(of)
+    lit, visible, seen = _lit_across(of), _visible(of), seen_by(of.micro, of.drawn)
 
     @inlined
     @named(of.name)
@@ -227,7 +229,7 @@ def refracted_share(of: Facets) -> Formula:
         lm = math.sqrt(max(squared, 0.0))
         l = refracted(v, m, vm, ratio, lm)  # noqa: E741
         if min(min(vm, squared), -l.z) > 0.0:
-            return lit(v, l, m, vm, lm, a) * -l.z / visible(v, m, vm, a)
+            return lit(v, l, m, vm, lm, a) * -l.z / visible(v, m, vm, seen(v, a))
         return 0.0
 
     return share

@@ -78,8 +78,8 @@ from .block import (
 from .checks import PAIRS
 from .compiled import KERNELS, KernelPart, inlined, named
 from .fresnel import INTERFACES, Interface, interface
-from .lobe import Facets, facets
-from .masking import HEIGHT
+from .lobe import Facets, facets, seen_by
+from .masking import HEIGHT, Masking
 from .microsurface import Alpha, Formula, Inversion, Slopes
 from .thinfilm import film_reflectance
 from .vec import Vec, dot, turned
@@ -94,7 +94,7 @@ def view_at(s: Any, i: int) -> Vec:
 
 
 @inlined
-def _light(s: Any, i: int) -> Vec:
+def _light_at(s: Any, i: int) -> Vec:
     return Vec(s[GX + i], s[GY + i], s[GZ + i])
 
 
@@ -117,27 +117,32 @@ def slopes_of(of: Facets) -> Formula:
     return _slopes if of.micro.slopes is Slopes else _alpha
 
 
-def _reflecting(formula: Formula, of: Facets, question: str) -> KernelPart:
+def _reflecting(formula: Formula, masking: Masking, of: Facets, question: str) -> KernelPart:
     """A lobe's value and v.m: forward into `LOBE` and `OUTER`, where what reflects looks for it, retro into
     `RETRO_LOBE` and `RETRO_COSINE`; 0 where v or l is below."""
-    slopes = slopes_of(of)
+    slopes, seen = slopes_of(of), seen_by(of.micro, masking)
 
     @named(question, of.name)
     def part(scratch: Any) -> None:
         s = carray(scratch, (SIZE,))
-        if s[FORWARD] > 0.0:
+        if s[RETRO_SHARE] == 0.0:
             for i in range(BLOCK):
-                v, l = view_at(s, i), _light(s, i)  # noqa: E741
-                value, cosine = formula(v, l, slopes(s, i))
+                v, l, a = view_at(s, i), _light_at(s, i), slopes(s, i)  # noqa: E741
+                value, cosine = formula(v, l, a, seen(v, a), seen(l, a))
                 # What does not reflect may not even have a half vector: nothing computed from it is kept.
                 s[LOBE + i] = value if min(v.z, l.z) > 0.0 else 0.0
                 s[OUTER + i] = cosine
-        if s[RETRO_SHARE] > 0.0:
+        else:
             for i in range(BLOCK):
-                v, l = view_at(s, i), _light(s, i)  # noqa: E741
-                value, cosine = formula(turned(v), l, slopes(s, i))
-                s[RETRO_LOBE + i] = value if min(v.z, l.z) > 0.0 else 0.0
-                s[RETRO_COSINE + i] = cosine
+                v, l, a = view_at(s, i), _light_at(s, i), slopes(s, i)  # noqa: E741
+                p, q = seen(v, a), seen(l, a)
+                value, cosine = formula(v, l, a, p, q)
+                retro, retro_cosine = formula(turned(v), l, a, p, q)
+                is_lit = min(v.z, l.z) > 0.0
+                s[LOBE + i] = value if is_lit else 0.0
+                s[OUTER + i] = cosine
+                s[RETRO_LOBE + i] = retro if is_lit else 0.0
+                s[RETRO_COSINE + i] = retro_cosine
 
     return KernelPart(part)
 
@@ -153,7 +158,7 @@ def _refracting(formula: Formula, of: Facets, question: str) -> KernelPart:
             for i in range(BLOCK):
                 near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
                 far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
-                value, cosine, far_cosine = formula(view_at(s, i), _light(s, i), near, far, slopes(s, i))
+                value, cosine, far_cosine = formula(view_at(s, i), _light_at(s, i), near, far, slopes(s, i))
                 s[LOBE + i] = value
                 s[COSINE + i] = cosine
                 s[FAR_COSINE + i] = far_cosine
@@ -162,7 +167,7 @@ def _refracting(formula: Formula, of: Facets, question: str) -> KernelPart:
                 near = 1.0 if s[SIDE + i] > 0.0 else s[INDEX + i]
                 far = s[INDEX + i] if s[SIDE + i] > 0.0 else 1.0
                 value, cosine, far_cosine = formula(
-                    turned(view_at(s, i)), _light(s, i), near, far, slopes(s, i)
+                    turned(view_at(s, i)), _light_at(s, i), near, far, slopes(s, i)
                 )
                 s[RETRO_LOBE + i] = value
                 s[RETRO_COSINE + i] = cosine
@@ -345,9 +350,11 @@ def reflectance(of: Interface) -> KernelPart:
 
 
 _MAKE: dict[str, Callable[[Facets], KernelPart]] = {
-    "reflection": lambda of: _reflecting(lobe.reflection(of), of, "reflection"),
+    "reflection": lambda of: _reflecting(lobe.reflection(of), of.masking, of, "reflection"),
     "refraction": lambda of: _refracting(lobe.refraction(of), of, "refraction"),
-    "reflection_density": lambda of: _reflecting(lobe.reflection_density(of), of, "reflection_density"),
+    "reflection_density": lambda of: _reflecting(
+        lobe.reflection_density(of), of.drawn, of, "reflection_density"
+    ),
     "refraction_density": lambda of: _refracting(lobe.refraction_density(of), of, "refraction_density"),
     "visible_normals": _visible_normals,
     "quadrature_normals": _quadrature_normals,

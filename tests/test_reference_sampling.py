@@ -279,3 +279,18 @@ def test_a_density_that_has_lost_its_digits_is_rejected():
     """One over a number below float64's normal ones is infinite, and so would be a sample's weight."""
     assert kernels.sound(1e-309) == 0.0
     assert kernels.sound(3e-308) == 3e-308
+
+
+@pytest.mark.parametrize("masking", ["smith", "vcavity"])
+def test_uniforms_that_do_not_vary_are_the_same_in_every_block(masking):
+    """What is drawn must not take their place for the views that come after."""
+    rng = np.random.default_rng(2)
+    v = rng.normal(size=(300, 3))
+    v /= np.linalg.norm(v, axis=-1, keepdims=True)
+    u = np.array([0.3, 0.6, 0.2])
+    lobe = ref.Dielectric(1.5, 0.3, 0.5, masking=masking, scatter_mode="RT", retro_transmission=True)
+    for one, each in zip(lobe.sample(v, u), lobe.sample(v, np.tile(u, (300, 1))), strict=True):
+        assert np.array_equal(one, each)
+    up = np.abs(v)
+    normals = ref.GGX(0.4, 0.2).sample_visible(up, u, masking)
+    assert np.array_equal(normals, ref.GGX(0.4, 0.2).sample_visible(up, np.tile(u, (300, 1)), masking))

@@ -9,39 +9,39 @@ from typing import Any
 import numpy as np
 from numba import carray  # type: ignore[attr-defined]
 
-from . import block, parts
-from .block import BLOCK, EX, GX, GY, GZ, LOBE, NX, SIZE, Modes, Parameters, load_directions
+from . import parts
+from .block import AX, BLOCK, EX, GX, GY, GZ, LOBE, LX, MX, NX, RXY, SIZE, load, store, store_colours
 from .compiled import Array, Kernel, KernelPart, call, inlined, named, run
-from .kernels import load
 from .lobe import Facets, facets, seen_by
 from .parts import normal_at, slopes_of, view_at
 from .vec import Vec, dot
 
 D, LAMBDA, G1, G2, PDF, VISIBLE_NORMAL = "D", "Lambda", "G1", "G2", "pdf_visible", "sample_visible"
 
-IN_M = 2 + len(Parameters._fields)
-
 
 def _answer(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: Any) -> int:
-    """Have a part answer for v, l (or uniforms) and m: numbers, or unit normals."""
+    """Have a part, whose address is the only mode, answer for v, l (or uniforms) and m: numbers, or unit normals."""
     s = np.empty(SIZE)
-    v, l, m, dense_v, dense_l = inputs[0], inputs[1], inputs[IN_M], dense[0], dense[1]  # noqa: E741
+    v, l, m, alpha, correlation, mean = inputs[0], inputs[1], inputs[2], inputs[3], inputs[4], inputs[5]  # noqa: E741
     numbers, normals = outputs[0], outputs[1]
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         first = begin == start
-        load_directions(s, EX, v, dense_v, begin, count, first)
-        load_directions(s, GX, l, dense_l, begin, count, first)
-        load_directions(s, block.LX, l, dense_l, begin, count, first)
-        load_directions(s, NX, m, dense_v[:0], begin, count, first)
-        load(s, inputs, modes, begin, count, first)
-        call(modes[block.REFLECTION], s)
-        block.store(s, numbers, LOBE, begin, count)
-        block.store_colours(s, normals, NX, begin, count)
+        load(s, EX, v, begin, count, first)
+        load(s, GX, l, begin, count, first)
+        # A part that draws leaves normals, and what is left of a uniform, where these were.
+        load(s, LX, l, begin, count, True)
+        load(s, NX, m, begin, count, True)
+        load(s, AX, alpha, begin, count, first)
+        load(s, RXY, correlation, begin, count, first)
+        load(s, MX, mean, begin, count, first)
+        call(modes[0], s)
+        store(s, numbers, LOBE, begin, count)
+        store_colours(s, normals, NX, begin, count)
     return 0
 
 
-ANSWER = Kernel(_answer, 2 + len(Parameters._fields) + 1, 2)
+ANSWER = Kernel(_answer, 6, 2)
 
 
 @cache
@@ -163,20 +163,5 @@ def ask(
     mean: Array,
 ) -> tuple[Array, Array]:
     """What a part says of arrays that broadcast: numbers (...), and, for uniforms in place of l, normals (..., 3)."""
-    one, colour = np.ones(1), np.ones(3)
-    parameters = Parameters(
-        alpha=alpha,
-        retroreflectivity=np.zeros(1),
-        a=colour,
-        b=colour,
-        c=colour,
-        exponent=one,
-        thinfilm_thickness=np.zeros(1),
-        thinfilm_ior=one,
-        slope_correlation=correlation,
-        mean_slope=mean,
-        tint=colour,
-    )
-    modes = Modes(kind=0, compensation=0, scatter=block.REFLECT, retro_transmission=0, reflection=of.address)
-    (numbers, normals), _ = run(ANSWER, [v, l, *parameters, m], modes, [1, 3])
+    (numbers, normals), _ = run(ANSWER, [v, l, m, alpha, correlation, mean], [of.address], [1, 3])
     return numbers[..., 0], normals

@@ -104,16 +104,19 @@ HORIZON = 1e-60
 UNIT_TOLERANCE = 2e-6
 
 
-@inlined
-def _load(s: Array, row: int, source: Array, component: int, start: int, count: int, first: bool) -> None:
+@formula
+def load(s: Array, row: int, source: Array, start: int, count: int, first: bool) -> None:
+    """Fill a row for each component of `source` with `count` configurations from `start` on."""
     # A value that does not vary stays where the first block put it.
     if not first and source.strides[0] == 0 and count == BLOCK:
         return
-    for i in range(count):
-        s[row + i] = source[start + i, component]
-    # Lanes past the end repeat the last configuration.
-    for i in range(count, BLOCK):
-        s[row + i] = source[start + count - 1, component]
+    for component in range(source.shape[1]):
+        begin = row + component * BLOCK
+        for i in range(count):
+            s[begin + i] = source[start + i, component]
+        # Lanes past the end repeat the last configuration.
+        for i in range(count, BLOCK):
+            s[begin + i] = source[start + count - 1, component]
 
 
 @inlined
@@ -136,8 +139,7 @@ def load_directions(
             s[row + BLOCK + i] = dense[3 * (start + i) + 1]
             s[row + 2 * BLOCK + i] = dense[3 * (start + i) + 2]
     else:
-        for c in range(3):
-            _load(s, row + c * BLOCK, source, c, start, count, first)
+        load(s, row, source, start, count, first)
 
 
 @formula
@@ -149,19 +151,17 @@ def load_parameters(s: Array, inputs: Any, start: int, count: int, first: bool) 
         s[VARIES] = 0.0
         for k in range(IN_ALPHA, IN_TABLE):
             s[VARIES] += 1.0 if inputs[k].strides[0] != 0 else 0.0
-    for c in range(3):
-        _load(s, A0 + c * BLOCK, inputs[IN_A], c, start, count, first)
-        _load(s, B0 + c * BLOCK, inputs[IN_B], c, start, count, first)
-        _load(s, C0 + c * BLOCK, inputs[IN_C], c, start, count, first)
-        _load(s, T0 + c * BLOCK, inputs[IN_TINT], c, start, count, first)
-    for c in range(2):
-        _load(s, AX + c * BLOCK, inputs[IN_ALPHA], c, start, count, first)
-        _load(s, MX + c * BLOCK, inputs[IN_MEAN], c, start, count, first)
-    _load(s, RETRO, inputs[IN_RETRO], 0, start, count, first)
-    _load(s, EXPONENT, inputs[IN_EXPONENT], 0, start, count, first)
-    _load(s, FILM, inputs[IN_FILM], 0, start, count, first)
-    _load(s, FILM_INDEX, inputs[IN_FILM_INDEX], 0, start, count, first)
-    _load(s, RXY, inputs[IN_RXY], 0, start, count, first)
+    load(s, AX, inputs[IN_ALPHA], start, count, first)
+    load(s, RETRO, inputs[IN_RETRO], start, count, first)
+    load(s, A0, inputs[IN_A], start, count, first)
+    load(s, B0, inputs[IN_B], start, count, first)
+    load(s, C0, inputs[IN_C], start, count, first)
+    load(s, EXPONENT, inputs[IN_EXPONENT], start, count, first)
+    load(s, FILM, inputs[IN_FILM], start, count, first)
+    load(s, FILM_INDEX, inputs[IN_FILM_INDEX], start, count, first)
+    load(s, RXY, inputs[IN_RXY], start, count, first)
+    load(s, MX, inputs[IN_MEAN], start, count, first)
+    load(s, T0, inputs[IN_TINT], start, count, first)
     if first or inputs[IN_FILM].strides[0] != 0:
         s[COATED] = 0.0
         for i in range(BLOCK):

@@ -125,7 +125,7 @@ def _derive(s: Array, modes: Any) -> None:
 
 
 @inlined
-def load(s: Array, inputs: Any, modes: Any, begin: int, count: int, first: bool) -> None:
+def _load(s: Array, inputs: Any, modes: Any, begin: int, count: int, first: bool) -> None:
     """The parameters of a block, and what follows from them, unless the last block's are the same."""
     if first or s[VARIES] > 0.0:
         load_parameters(s, inputs, begin, count, first)
@@ -344,7 +344,7 @@ def evaluate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs
         count = min(BLOCK, stop - begin)
         first = begin == start
         ask_ahead(out, 3 * begin)
-        load(s, inputs, modes, begin, count, first)
+        _load(s, inputs, modes, begin, count, first)
         rejected += _load_placed(s, modes, v, l, dense_v, dense_l, begin, count, first)
         if modes[COMPENSATION] != energy.NONE:
             white_albedo(s, modes, table)
@@ -414,7 +414,7 @@ def density(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs:
     for begin in range(start, stop, BLOCK):
         count = min(BLOCK, stop - begin)
         first = begin == start
-        load(s, inputs, modes, begin, count, first)
+        _load(s, inputs, modes, begin, count, first)
         rejected += _load_placed(s, modes, v, l, dense_v, dense_l, begin, count, first)
         if modes[COMPENSATION] != energy.NONE:
             white_albedo(s, modes, table)
@@ -544,8 +544,9 @@ def sample(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outputs: 
         count = min(BLOCK, stop - begin)
         first = begin == start
         load_directions(s, VX, v, dense_v, begin, count, first)
-        load_directions(s, LX, l, dense_l, begin, count, first)
-        load(s, inputs, modes, begin, count, first)
+        # What is drawn goes where the uniforms were, so that they are needed anew even where they do not vary.
+        load_directions(s, LX, l, dense_l, begin, count, True)
+        _load(s, inputs, modes, begin, count, first)
         rejected += _place_view(s, modes) + _not_uniform(s)
         white_albedo(s, modes, table)
         _draw_block(s, modes)
@@ -616,7 +617,7 @@ def integrate(start: int, stop: int, inputs: Any, dense: Any, modes: Any, output
         # One view fills a block, of which the lanes are its nodes.
         first = begin == start
         load_directions(s, VX, v, dense_v, begin, 1, first)
-        load(s, inputs, modes, begin, 1, first)
+        _load(s, inputs, modes, begin, 1, first)
         rejected += 1 if _place_view(s, modes) > 0 else 0
         white_albedo(s, modes, table)
         standard = _standard_direction(Vec(s[EX], s[EY], s[EZ]), Slopes(s[AX], s[AY], s[RXY], s[MX], s[MY]))
@@ -646,7 +647,7 @@ def reflectance(start: int, stop: int, inputs: Any, dense: Any, modes: Any, outp
         count = min(BLOCK, stop - begin)
         first = begin == start
         load_directions(s, LX, cosines, dense_l, begin, count, first)
-        load(s, inputs, modes, begin, count, first)
+        _load(s, inputs, modes, begin, count, first)
         if modes[COMPENSATION] == energy.MATERIALX_1_39_6:
             typical_reflectance(s, modes)
         else:

@@ -403,13 +403,13 @@ def answering(question: str, modes: Modes, of: Facets, is_fifth: bool) -> Modes:
 
 
 def _ahead() -> list[KernelPart]:
-    """What is compiled ahead: what evaluates and integrates every pair of distribution and masking that a MaterialX
-    node may be, with alphas along the axes. Any other is compiled on its first use."""
+    """What is compiled ahead: what evaluates every pair of distribution and masking that a MaterialX node may be, with
+    alphas along the axes. Any other is compiled on its first use."""
     made = [reflectance(each) for each in INTERFACES.values()]
     for distribution, masking in PAIRS:
         of = facets(distribution, masking, HEIGHT, False)
-        made += [part(name, of) for question in ("eval", "albedo") for name in names_of(question, BOTH)]
-    return list(dict.fromkeys(made))
+        made += [part(name, of) for name in names_of("eval", BOTH)]
+    return made
 
 
 KERNELS.extend(_ahead())

@@ -3,7 +3,9 @@ one another where their machine code is kept."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import pickle
 import subprocess
 import sys
 from pathlib import Path
@@ -166,3 +168,10 @@ def test_a_distribution_that_has_no_class_of_its_own_is_one_by_its_name(monkeypa
             V, L
         )
     )
+
+
+def test_a_lobe_that_was_asked_can_be_copied_and_sent_to_another_process():
+    asked = ref.Conductor(0.2, 3.0, 0.3, 0.4)
+    value = asked.eval(V, L)
+    for copied in (pickle.loads(pickle.dumps(asked)), copy.deepcopy(asked)):
+        assert np.array_equal(copied.eval(V, L), value)

@@ -87,7 +87,7 @@ def _lobes(count: int) -> dict[str, Lobe]:
     return {
         "conductor": Conductor(IOR, EXTINCTION, 0.3, correlation="separable"),
         "conductor, half retro": Conductor(IOR, EXTINCTION, 0.3, 0.5),
-        "conductor, half retro, varying": Conductor(
+        "half retro, varying": Conductor(
             IOR, EXTINCTION, np.stack([np.linspace(0.2, 0.4, count)] * 2, -1), np.linspace(0.4, 0.6, count)
         ),
         "dielectric R": Dielectric(1.5, 0.3),

@@ -199,7 +199,7 @@ class Lobe:
             raise NotImplementedError(f"{self._distribution}: there is no fit of its albedo")
         return pair
 
-    @functools.cached_property
+    @property
     def _facets(self) -> Facets:
         """The formulas of what its arguments name; `NotImplementedError` where there are none."""
         return facets(self._distribution, self._masking, self._correlation, self._is_sheared)

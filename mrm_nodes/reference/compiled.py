@@ -296,12 +296,9 @@ class Kernel(_Compiled):
 
     `inputs` is a tuple of two-dimensional arrays; one signature serves every shape, because they are typed
     as arrays of any stride. `dense` holds the first two inputs again, as flat arrays, where memory has them
-    in one piece; else it holds empty ones. `outputs` are flat. One that is `made_of_others` says of which by its name,
-    and is compiled when it is asked for, not ahead."""
+    in one piece; else it holds empty ones. `outputs` are flat."""
 
-    def __init__(
-        self, function: Callable[..., int], inputs: int, outputs: int, made_of_others: bool = False
-    ) -> None:
+    def __init__(self, function: Callable[..., int], inputs: int, outputs: int) -> None:
         tuple_of: Any = types.UniTuple
         super().__init__(
             function,
@@ -314,10 +311,7 @@ class Kernel(_Compiled):
                 tuple_of(OUTPUT, outputs),
             ),
         )
-        if made_of_others:
-            self._cache_of = _PartCache
-        else:
-            KERNELS.append(self)
+        KERNELS.append(self)
 
     def _uncompiled(self) -> tuple[Any, Any]:
         dispatcher: Any = numba.njit(error_model="numpy", nogil=True)(self._function)

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
 
-from .compiled import formula, inlined, named
+from .compiled import inlined, named
 from .elementary import (
     SQRT_PI,
     exponential,
@@ -308,12 +308,6 @@ NAMES = (*DISTRIBUTIONS, PHONG)
 
 
 # Phong
-
-
-@formula
-def phong_exponent(alpha: float) -> float:
-    """The exponent that has the same curvature at the peak as Beckmann's alpha (Walter et al. 2007)."""
-    return 2.0 / (alpha * alpha) - 2.0
 
 
 @inlined
